@@ -1,2 +1,58 @@
-//! Being built.
-fn main() {}
+//! The command `domvs`: reads the command line and hands over to one file per subcommand (`commands`).
+
+use std::process::ExitCode;
+
+use clap::{ArgAction, CommandFactory, FromArgMatches, Parser, Subcommand};
+use domvs::commands::twist;
+use domvs::exit;
+use domvs::paint::{ColorWhen, Paint};
+use tracing_subscriber::EnvFilter;
+
+/// Servo a camera to where a desired image was taken, by direct visual servoing on orthogonal moments.
+#[derive(Parser)]
+#[command(name = "domvs", version, about, after_help = exit::HELP, max_term_width = 110)]
+struct Cli {
+    /// When to use colours
+    #[arg(long, global = true, value_enum, value_name = "WHEN", default_value_t)]
+    color: ColorWhen,
+
+    /// Say more on standard error: -v progress, -vv details, -vvv everything (RUST_LOG overrides it)
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    verbose: u8,
+
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Twist(twist::TwistArgs),
+}
+
+fn main() -> ExitCode {
+    let command = Cli::command().color(ColorWhen::among(std::env::args_os()).for_clap());
+    let cli = Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit());
+    let paint = Paint::for_stdout(cli.color);
+    let paint_errors = Paint::for_stderr(cli.color);
+    start_log(cli.verbose, paint_errors);
+
+    let result = match cli.command {
+        Command::Twist(args) => twist::run(&args, paint),
+    };
+    result.unwrap_or_else(|error| {
+        eprintln!("{} {error:#}", paint_errors.bad("error:"));
+        exit::failed()
+    })
+}
+
+fn start_log(verbose: u8, paint: Paint) {
+    let level = match verbose {
+        0 => "warn",
+        1 => "warn,domvs=info",
+        2 => "info,domvs=debug",
+        _ => "trace",
+    };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(paint.colored);
+    log.init();
+}
