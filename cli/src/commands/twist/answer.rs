@@ -32,7 +32,11 @@ impl Answer {
             feature_error_squared: step.feature_error_squared,
             features: step.features,
             condition_number: step.condition_number,
-            status: if step.rank_deficient { "rank_deficient" } else { "servoing" },
+            status: if step.rank_deficient {
+                "rank_deficient"
+            } else {
+                "servoing"
+            },
         }
     }
 
@@ -40,23 +44,44 @@ impl Answer {
     pub fn text(&self, method: MethodOption, inputs: &Inputs, paint: Paint) -> String {
         let [vx, vy, vz, wx, wy, wz] = self.twist;
         let mut table = paint.table(&["camera twist", "x right", "y down", "z forward", "unit"]);
-        for (name, values, unit) in [("linear", [vx, vy, vz], "m/s"), ("angular", [wx, wy, wz], "rad/s")] {
+        for (name, values, unit) in [
+            ("linear", [vx, vy, vz], "m/s"),
+            ("angular", [wx, wy, wz], "rad/s"),
+        ] {
             let mut cells = vec![Cell::new(name)];
-            cells.extend(values.map(|value| Cell::new(format!("{value:.6}")).set_alignment(CellAlignment::Right)));
+            cells.extend(
+                values.map(|value| {
+                    Cell::new(format!("{value:.6}")).set_alignment(CellAlignment::Right)
+                }),
+            );
             cells.push(Cell::new(unit));
             table.add_row(cells);
         }
-        let status =
-            if self.status == "servoing" { paint.good(self.status) } else { paint.bad(self.status) };
+        let status = if self.status == "servoing" {
+            paint.good(self.status)
+        } else {
+            paint.bad(self.status)
+        };
         let mut lines = vec![
             format!("{:<16} {}", "status", status),
-            format!("{:<16} {method}, order {}, {} features{}", "method", self.order, self.features, self.window_text(method)),
+            format!(
+                "{:<16} {method}, order {}, {} features{}",
+                "method",
+                self.order,
+                self.features,
+                self.window_text(method)
+            ),
             format!("{:<16} {:.6e}", "pixel error", self.pixel_mse),
             format!("{:<16} {:.6}", "e·e", self.feature_error_squared),
             format!("{:<16} {:.1}", "condition of L", self.condition_number),
         ];
         for (role, seen) in [("desired", &inputs.desired), ("current", &inputs.current)] {
-            lines.push(format!("{role:<16} {}, {}; depth {}", seen.name, size(&seen.plane), seen.depth_note));
+            lines.push(format!(
+                "{role:<16} {}, {}; depth {}",
+                seen.name,
+                size(&seen.plane),
+                seen.depth_note
+            ));
         }
         if let Some(initial) = &inputs.initial {
             lines.push(format!("{:<16} {}", "initial", initial.name));
@@ -66,9 +91,20 @@ impl Answer {
 
     fn window_text(&self, method: MethodOption) -> String {
         match (method, self.window.as_deref()) {
-            (MethodOption::Hahn, Some([ax, bx, ay, by])) => format!(", window a,b = {ax},{bx} along x, {ay},{by} along y"),
+            (MethodOption::Hahn, Some([ax, bx, ay, by])) => {
+                format!(", window a,b = {ax},{bx} along x, {ay},{by} along y")
+            }
             (_, Some([px, py])) => format!(", centred at {px:.4},{py:.4} of the image"),
             _ => String::new(),
         }
+    }
+}
+
+/// Hahn: ax, bx, ay, by; Krawtchouk: p_x, p_y; otherwise nothing.
+fn window_numbers(window: &WindowInUse) -> Option<Vec<f64>> {
+    match *window {
+        WindowInUse::Whole => None,
+        WindowInUse::Hahn { x, y } => Some([x, y].concat()),
+        WindowInUse::Krawtchouk { p } => Some(p.to_vec()),
     }
 }
