@@ -1,0 +1,62 @@
+//! JSON bodies: one way in, one way out, with a size limit.
+//!
+//! Depth needs no limit of its own: `serde_json` stops at 128 levels.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::messages::ErrorCode;
+
+/// The largest JSON body that is read, in bytes.
+pub const MAX_JSON_BYTES: usize = 64 * 1024;
+
+/// The Encoding of every JSON body.
+pub const JSON: &str = "application/json";
+
+/// Why a JSON body was refused.
+#[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum BodyError {
+    /// The body is larger than [`MAX_JSON_BYTES`].
+    #[error("a body has at most {limit_bytes} bytes, got {got_bytes}")]
+    TooLarge {
+        /// The limit in force, bytes.
+        limit_bytes: usize,
+        /// What came, bytes.
+        got_bytes: usize,
+    },
+    /// The body is not JSON, or not the JSON that this key takes.
+    #[error("unreadable body: {reason}")]
+    Unreadable {
+        /// What the parser said, with line and column.
+        reason: String,
+    },
+}
+
+impl BodyError {
+    /// The frozen word to answer with.
+    pub fn code(&self) -> ErrorCode {
+        match self {
+            BodyError::TooLarge { .. } => ErrorCode::TooLarge,
+            BodyError::Unreadable { .. } => ErrorCode::BadJson,
+        }
+    }
+}
+
+/// Reads a JSON body. Fails when it is too large, not JSON, or not a `T`.
+pub fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, BodyError> {
+    if bytes.len() > MAX_JSON_BYTES {
+        return Err(BodyError::TooLarge {
+            limit_bytes: MAX_JSON_BYTES,
+            got_bytes: bytes.len(),
+        });
+    }
+    serde_json::from_slice(bytes).map_err(|error| BodyError::Unreadable {
+        reason: error.to_string(),
+    })
+}
+
+/// Writes a JSON body: one line, no trailing newline.
+pub fn write<T: Serialize>(message: &T) -> Vec<u8> {
+    serde_json::to_vec(message).expect("messages have text keys and no failing serializer")
+}

@@ -1,0 +1,410 @@
+//! The JSON bodies besides the settings: requests, answers, and what is published.
+//!
+//! Requests refuse unknown fields. Answers and publications are read tolerantly, so that a later service may say
+//! more; what it may not do is rename or drop a field.
+
+use std::fmt;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::WIRE_VERSION;
+use crate::frame::Secret;
+use crate::keys::{Name, TaskKey};
+use crate::settings::{Camera, Method, SettingsError, TaskSettings};
+use crate::status::Status;
+
+/// The answer to `create`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CreateReply {
+    /// The new task, `client/id`.
+    pub task: TaskKey,
+    /// The owner's epoch.
+    pub epoch: u32,
+    /// Who may use the task; said once, here.
+    pub secret: Secret,
+}
+
+/// The body of `control`: `{"do": "start"}`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(from = "ControlBody", into = "ControlBody")]
+pub enum Control {
+    /// Begin, or begin anew: forgets the initial image and the counters, clears any latched status.
+    Start,
+    /// Brake and keep everything.
+    Pause,
+    /// Go on after a pause or any other latched status, keeping the initial image and the counters.
+    Resume,
+    /// Brake until `start`.
+    Stop,
+    /// End the task.
+    Close,
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum ControlWord {
+    Start,
+    Pause,
+    Resume,
+    Stop,
+    Close,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ControlBody {
+    #[serde(rename = "do")]
+    word: ControlWord,
+}
+
+impl From<ControlBody> for Control {
+    fn from(body: ControlBody) -> Control {
+        match body.word {
+            ControlWord::Start => Control::Start,
+            ControlWord::Pause => Control::Pause,
+            ControlWord::Resume => Control::Resume,
+            ControlWord::Stop => Control::Stop,
+            ControlWord::Close => Control::Close,
+        }
+    }
+}
+
+impl From<Control> for ControlBody {
+    fn from(control: Control) -> ControlBody {
+        let word = match control {
+            Control::Start => ControlWord::Start,
+            Control::Pause => ControlWord::Pause,
+            Control::Resume => ControlWord::Resume,
+            Control::Stop => ControlWord::Stop,
+            Control::Close => ControlWord::Close,
+        };
+        ControlBody { word }
+    }
+}
+
+/// The answer to `control`, and to a target that was set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ControlReply {
+    /// The status after the request.
+    pub status: Status,
+}
+
+/// Frames that were not turned into a twist, by reason.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct FramesDropped {
+    /// A newer frame came before this one's turn.
+    pub superseded: u64,
+    /// Undecodable, wrong size or version.
+    pub bad: u64,
+    /// Too old, or not newer than the one before.
+    pub stale: u64,
+    /// Too many requests waited.
+    pub overloaded: u64,
+    /// The deadline passed before its turn.
+    pub deadline: u64,
+}
+
+/// What is published on `status`: on every change, and twice a second.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StatusMessage {
+    /// The task, `client/id`.
+    pub task: TaskKey,
+    /// What it is doing, or why it does not move.
+    pub status: Status,
+    /// The status in a sentence.
+    pub meaning: String,
+    /// The numbers behind it, such as the sizes of a frame and its target; null if there is nothing to add.
+    pub detail: Option<String>,
+    /// Whether it stays until `start` or `resume`.
+    pub latched: bool,
+    /// The owner's epoch.
+    pub epoch: u32,
+    /// Frames received, requests and pushed ones.
+    pub frames_in: u64,
+    /// Frames that were not turned into a twist.
+    pub frames_dropped: FramesDropped,
+    /// Twists computed since `start`.
+    pub twists: u64,
+    /// Sequence of the newest frame.
+    pub sequence: u64,
+    /// Moment order of the newest twist; 0 = none yet.
+    pub order: u16,
+    /// Pixel error of the newest twist; null = none yet.
+    pub pixel_mse: Option<f64>,
+    /// Feature error of the newest twist, √(e·e); null = none yet.
+    pub feature_error_norm: Option<f64>,
+    /// Computation of the newest twist, µs.
+    pub compute_us: u32,
+    /// Since the task was created, s.
+    pub uptime_s: f64,
+}
+
+impl StatusMessage {
+    /// A message with the words that belong to the status, every count 0.
+    pub fn new(task: TaskKey, status: Status, epoch: u32) -> StatusMessage {
+        StatusMessage {
+            task,
+            status,
+            meaning: status.meaning().to_owned(),
+            detail: None,
+            latched: status.is_latched(),
+            epoch,
+            frames_in: 0,
+            frames_dropped: FramesDropped::default(),
+            twists: 0,
+            sequence: 0,
+            order: 0,
+            pixel_mse: None,
+            feature_error_norm: None,
+            compute_us: 0,
+            uptime_s: 0.0,
+        }
+    }
+}
+
+/// The answer on a worker's `info`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WorkerInfo {
+    /// The worker's name.
+    pub worker: Name,
+    /// Version of the program.
+    pub version: String,
+    /// Version of these bytes.
+    pub wire_version: u8,
+    /// Words of the methods it knows.
+    pub methods: Vec<String>,
+    /// Tasks it owns.
+    pub tasks: u32,
+    /// Tasks it can own.
+    pub capacity: u32,
+    /// Busy share of its compute threads over the last second, 0 to 1.
+    pub load: f64,
+    /// Compute threads.
+    pub threads: u32,
+    /// Largest image, pixels.
+    pub max_pixels: u64,
+    /// Largest payload, bytes.
+    pub max_payload_bytes: u64,
+    /// Since it started, s.
+    pub uptime_s: f64,
+}
+
+impl WorkerInfo {
+    /// An idle worker of this version, with every number 0.
+    pub fn new(worker: Name) -> WorkerInfo {
+        WorkerInfo {
+            worker,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            wire_version: WIRE_VERSION,
+            methods: Method::ALL
+                .into_iter()
+                .map(|method| method.word().to_owned())
+                .collect(),
+            tasks: 0,
+            capacity: 0,
+            load: 0.0,
+            threads: 0,
+            max_pixels: 0,
+            max_payload_bytes: 0,
+            uptime_s: 0.0,
+        }
+    }
+}
+
+/// What a camera publishes on its `info`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CameraInfo {
+    /// The camera's name.
+    pub name: Name,
+    /// Its optics and size, ready for the settings of a task.
+    pub camera: Camera,
+    /// Time between two frames, s.
+    pub frame_period_s: f64,
+    /// Whether its frames have a depth plane.
+    pub depth: bool,
+}
+
+/// Which target a task has, without its pixels: those are on `target`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TargetReference {
+    /// Hash of header, Encoding and payload, in hexadecimal; the same for the same target on one worker version.
+    pub hash: String,
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Size of the payload, bytes.
+    pub payload_bytes: u64,
+}
+
+/// What is published and answered on `state`: what a standby needs. The secret is not in it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TaskState {
+    /// The task, `client/id`.
+    pub task: TaskKey,
+    /// The owner.
+    pub worker: Name,
+    /// The owner's epoch.
+    pub epoch: u32,
+    /// The settings in force.
+    pub settings: TaskSettings,
+    /// The target; null = none set.
+    pub target: Option<TargetReference>,
+    /// How far it is.
+    pub progress: Progress,
+}
+
+/// How far a task is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Progress {
+    /// What it is doing, or why it does not move.
+    pub status: Status,
+    /// Twists computed since `start`.
+    pub twists: u64,
+    /// Frames in a row within the stop threshold.
+    pub held_frames: u32,
+    /// Sequence of the newest frame.
+    pub sequence: u64,
+}
+
+/// The body of every error answer.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[error("{code}: {error}")]
+pub struct ErrorReply {
+    /// For programs.
+    pub code: ErrorCode,
+    /// For people: a sentence with the numbers.
+    pub error: String,
+}
+
+impl ErrorReply {
+    /// An answer of this code with this sentence.
+    pub fn new(code: ErrorCode, error: impl fmt::Display) -> ErrorReply {
+        ErrorReply {
+            code,
+            error: error.to_string(),
+        }
+    }
+}
+
+impl From<&SettingsError> for ErrorReply {
+    fn from(error: &SettingsError) -> ErrorReply {
+        ErrorReply::new(error.code(), error)
+    }
+}
+
+/// The frozen words of error answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum ErrorCode {
+    /// No such task.
+    UnknownTask,
+    /// The body is not JSON, or not the one this key takes.
+    BadJson,
+    /// A setting is unknown, out of range or at odds with another.
+    BadSettings,
+    /// The target cannot be used.
+    BadTarget,
+    /// The request needs a target and none is set.
+    NoTarget,
+    /// Byte 0 of a header is not 1.
+    WrongVersion,
+    /// A limit of the worker is reached.
+    Quota,
+    /// The secret is missing or wrong.
+    NotOwner,
+    /// A name in the key is not `[A-Za-z0-9_-]{1,64}`.
+    BadName,
+    /// The body or payload is larger than the worker takes.
+    TooLarge,
+    /// The task was closed.
+    Closed,
+    /// A newer owner or request took its place.
+    Superseded,
+    /// A defect in the service. Unknown words are read as this.
+    Internal,
+    /// This version cannot do it.
+    NotSupported,
+}
+
+impl ErrorCode {
+    /// Every code.
+    pub const ALL: [ErrorCode; 14] = [
+        ErrorCode::UnknownTask,
+        ErrorCode::BadJson,
+        ErrorCode::BadSettings,
+        ErrorCode::BadTarget,
+        ErrorCode::NoTarget,
+        ErrorCode::WrongVersion,
+        ErrorCode::Quota,
+        ErrorCode::NotOwner,
+        ErrorCode::BadName,
+        ErrorCode::TooLarge,
+        ErrorCode::Closed,
+        ErrorCode::Superseded,
+        ErrorCode::Internal,
+        ErrorCode::NotSupported,
+    ];
+
+    /// The word in JSON.
+    pub fn word(self) -> &'static str {
+        match self {
+            ErrorCode::UnknownTask => "unknown_task",
+            ErrorCode::BadJson => "bad_json",
+            ErrorCode::BadSettings => "bad_settings",
+            ErrorCode::BadTarget => "bad_target",
+            ErrorCode::NoTarget => "no_target",
+            ErrorCode::WrongVersion => "wrong_version",
+            ErrorCode::Quota => "quota",
+            ErrorCode::NotOwner => "not_owner",
+            ErrorCode::BadName => "bad_name",
+            ErrorCode::TooLarge => "too_large",
+            ErrorCode::Closed => "closed",
+            ErrorCode::Superseded => "superseded",
+            ErrorCode::Internal => "internal",
+            ErrorCode::NotSupported => "not_supported",
+        }
+    }
+
+    /// One sentence for people.
+    pub fn meaning(self) -> &'static str {
+        match self {
+            ErrorCode::UnknownTask => "no such task",
+            ErrorCode::BadJson => "the body is not JSON, or not the one this key takes",
+            ErrorCode::BadSettings => {
+                "a setting is unknown, missing, out of range or at odds with another"
+            }
+            ErrorCode::BadTarget => "the target cannot be used",
+            ErrorCode::NoTarget => "the request needs a target and none is set",
+            ErrorCode::WrongVersion => "byte 0 of the header is not 1",
+            ErrorCode::Quota => "a limit of the worker is reached",
+            ErrorCode::NotOwner => "the secret is missing or wrong",
+            ErrorCode::BadName => "a name in the key is not 1 to 64 of A-Z a-z 0-9 _ -",
+            ErrorCode::TooLarge => "the body or payload is larger than the worker takes",
+            ErrorCode::Closed => "the task was closed",
+            ErrorCode::Superseded => "a newer owner or request took its place",
+            ErrorCode::Internal => "a defect in the service",
+            ErrorCode::NotSupported => "this version cannot do it",
+        }
+    }
+}
+
+impl fmt::Display for ErrorCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.word())
+    }
+}
+
+impl Serialize for ErrorCode {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.word())
+    }
+}
+
+impl<'de> Deserialize<'de> for ErrorCode {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<ErrorCode, D::Error> {
+        let word = String::deserialize(deserializer)?;
+        let known = ErrorCode::ALL.into_iter().find(|code| code.word() == word);
+        Ok(known.unwrap_or(ErrorCode::Internal))
+    }
+}
