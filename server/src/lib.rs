@@ -1,1 +1,4 @@
-//! Being built.
+//! The service: tasks, pipeline, safety, recording.
+
+pub mod decode;
+pub mod record;

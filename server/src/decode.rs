@@ -1,0 +1,224 @@
+//! Frame bytes → gray plane in [0, 1] and, if the frame has one, a depth plane in metres.
+//!
+//! What a frame holds is said by its header, or for PNG and JPEG by its Encoding alone. Sizes are checked before
+//! anything is allocated: the payload against the header (`FrameHeader::layout`), the pixel count against the limits, a PNG's and a
+//! JPEG's own size against both. So neither a lie nor a decompression bomb costs memory.
+//!
+//! Gray is `(0.299 R + 0.587 G + 0.114 B) / 255`, unrounded; 16-bit samples are over 65535; Y of YUYV and NV12 is over 255;
+//! alpha is ignored; `mono32f` is taken as it is, outside [0, 1] too. A PNG's gamma and colour profile and a JPEG's orientation are
+//! ignored: a camera's pixels stay where they are.
+//!
+//! Odd sizes of YUYV and NV12 are refused, as the header's rules say. A cut-off JPEG is refused as well: decoders would fill
+//! the missing part with gray, and the camera would be moved by it.
+//!
+//! A [`Decoder`] keeps its planes: raw frames of one size allocate nothing after the first. PNG and JPEG decoders
+//! allocate their own working memory for each frame.
+
+mod compressed;
+mod gray;
+mod preprocess;
+#[cfg(test)]
+mod tests;
+
+use domvs_proto::frame::{self, DepthFormat, FrameError, FrameHeader, FrameLayout, PixelFormat};
+use domvs_vision::Plane;
+
+use self::compressed::Codec;
+pub use self::preprocess::invert;
+
+/// What one frame may cost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DecodeLimits {
+    /// Pixels of the image.
+    pub max_pixels: u64,
+    /// Bytes of the payload.
+    pub max_bytes: usize,
+}
+
+/// A decoded frame; its planes live in the [`Decoder`] until the next frame.
+#[derive(Debug)]
+pub struct Decoded<'a> {
+    /// Gray in [0, 1], every sample finite.
+    pub image: &'a mut Plane<f32>,
+    /// Depth in metres, of the image's size; 0, negative and not finite mean unknown, as in the frame.
+    pub depth: Option<&'a Plane<f32>>,
+    /// How many pixels were not finite (`mono32f` only) and are now 0.
+    pub replaced_pixels: usize,
+}
+
+/// Why a frame cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum DecodeError {
+    /// The header lies about the payload.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// The payload is beyond the limit; nothing of it was read.
+    #[error("a payload may have {limit} bytes, got {got}")]
+    TooManyBytes {
+        /// The limit.
+        limit: usize,
+        /// Bytes of the payload.
+        got: usize,
+    },
+    /// The image is beyond the limit; nothing was allocated for it.
+    #[error("an image may have {limit} pixels, got {width}x{height}")]
+    TooManyPixels {
+        /// The limit.
+        limit: u64,
+        /// Pixels in a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
+    /// Neither a header nor the Encoding says what the payload is.
+    #[error("a frame without pixel format must be image/png or image/jpeg, got encoding {encoding:?}")]
+    UnknownEncoding {
+        /// The Encoding that came, its first 64 characters.
+        encoding: String,
+    },
+    /// A PNG or JPEG has another size than its header says.
+    #[error("the header says {expected:?} pixels, the image has {got:?}")]
+    SizeMismatch {
+        /// Width and height in the header.
+        expected: [u32; 2],
+        /// Width and height in the PNG or JPEG.
+        got: [u32; 2],
+    },
+    /// The PNG or JPEG is broken, cut off, or of a kind that is not supported.
+    #[error("cannot decode {encoding}: {reason}")]
+    Undecodable {
+        /// The Encoding.
+        encoding: &'static str,
+        /// What the decoder said.
+        reason: String,
+    },
+    /// More than half of the pixels are NaN or infinite.
+    #[error("at least half of {pixels} pixels must be finite, got {finite}")]
+    NotFinite {
+        /// Pixels of the image.
+        pixels: usize,
+        /// Those that are finite.
+        finite: usize,
+    },
+}
+
+/// Decodes the frames of one task, into the same planes again and again.
+#[derive(Debug, Default)]
+pub struct Decoder {
+    image: Option<Plane<f32>>,
+    depth: Option<Plane<f32>>,
+    /// What the PNG or JPEG decoder wrote.
+    samples: Vec<u8>,
+}
+
+impl Decoder {
+    /// A decoder without buffers; the first frame makes them.
+    pub fn new() -> Decoder {
+        Decoder::default()
+    }
+
+    /// Decodes a frame. `header` is `None` for a PNG or JPEG without attachment, `encoding` the payload's media type
+    /// (parameters behind `;` are ignored), looked at only when the header names no pixel format.
+    ///
+    /// After an error the decoder is as good as new: the next frame does not depend on this one.
+    pub fn decode(
+        &mut self,
+        header: Option<&FrameHeader>,
+        encoding: &str,
+        payload: &[u8],
+        limits: DecodeLimits,
+    ) -> Result<Decoded<'_>, DecodeError> {
+        if payload.len() > limits.max_bytes {
+            return Err(DecodeError::TooManyBytes { limit: limits.max_bytes, got: payload.len() });
+        }
+        let bare = FrameHeader::new(PixelFormat::ByEncoding, 0, 0);
+        let header = header.unwrap_or(&bare);
+        let layout = header.layout(payload.len())?;
+        check_pixels(header.width, header.height, limits)?;
+        let pixels = &payload[layout.pixels.clone()];
+
+        let image = match header.pixel_format {
+            PixelFormat::ByEncoding => {
+                let codec = Codec::named(encoding)?;
+                let picture = compressed::read(codec, pixels, header, limits, &mut self.samples)?;
+                let image = plane_of(&mut self.image, picture.width, picture.height);
+                gray::from_samples(picture.color, &self.samples, image);
+                image
+            }
+            raw => {
+                let image = plane_of(&mut self.image, header.width, header.height);
+                gray::from_raw(raw, pixels, layout.row_bytes, image);
+                image
+            }
+        };
+        let replaced_pixels = replace_not_finite(image)?;
+        let depth = read_depth(header, &layout, payload, &mut self.depth);
+        Ok(Decoded { image, depth, replaced_pixels })
+    }
+}
+
+/// The size is in the header: 0 (not said) for a PNG or JPEG, which is checked again once it is known.
+fn check_pixels(width: u32, height: u32, limits: DecodeLimits) -> Result<(), DecodeError> {
+    if u64::from(width) * u64::from(height) > limits.max_pixels {
+        return Err(DecodeError::TooManyPixels { limit: limits.max_pixels, width, height });
+    }
+    Ok(())
+}
+
+/// The plane of this size: the one that is there, or a new one.
+fn plane_of(plane: &mut Option<Plane<f32>>, width: u32, height: u32) -> &mut Plane<f32> {
+    let (width, height) = (width as usize, height as usize);
+    if !plane.as_ref().is_some_and(|plane| plane.width() == width && plane.height() == height) {
+        *plane = None;
+    }
+    plane.get_or_insert_with(|| Plane::filled(width, height, 0.0))
+}
+
+/// Pixels that are not finite become 0 (black, as outside the image) as long as they are not more than half.
+fn replace_not_finite(image: &mut Plane<f32>) -> Result<usize, DecodeError> {
+    let samples = image.samples_mut();
+    let finite = samples.iter().filter(|sample| sample.is_finite()).count();
+    let (pixels, replaced) = (samples.len(), samples.len() - finite);
+    if 2 * replaced > pixels {
+        return Err(DecodeError::NotFinite { pixels, finite });
+    }
+    if replaced > 0 {
+        samples.iter_mut().filter(|sample| !sample.is_finite()).for_each(|sample| *sample = 0.0);
+    }
+    Ok(replaced)
+}
+
+/// `depth = count · depth_unit_m`; what the sender marked as unknown stays so.
+fn read_depth<'a>(
+    header: &FrameHeader,
+    layout: &FrameLayout,
+    payload: &[u8],
+    plane: &'a mut Option<Plane<f32>>,
+) -> Option<&'a Plane<f32>> {
+    let bytes = &payload[layout.depth.clone()?];
+    let plane = plane_of(plane, header.width, header.height);
+    let unit_m = header.depth_unit_m;
+    let tight = header.width as usize * header.depth_format.bytes_per_pixel() as usize;
+    match header.depth_format {
+        DepthFormat::None => return None,
+        DepthFormat::U16 => gray::fill(plane, bytes, tight, |count| f32::from(u16::from_le_bytes(*count)) * unit_m),
+        DepthFormat::F32 => gray::fill(plane, bytes, tight, |count| f32::from_le_bytes(*count) * unit_m),
+    }
+    Some(plane)
+}
+
+/// The media type without parameters.
+fn media_type(encoding: &str) -> &str {
+    encoding.split(';').next().unwrap_or_default().trim()
+}
+
+impl Codec {
+    fn named(encoding: &str) -> Result<Codec, DecodeError> {
+        match media_type(encoding) {
+            frame::PNG => Ok(Codec::Png),
+            frame::JPEG => Ok(Codec::Jpeg),
+            _ => Err(DecodeError::UnknownEncoding { encoding: encoding.chars().take(64).collect() }),
+        }
+    }
+}
