@@ -1,0 +1,319 @@
+//! One task: set its target, start it, send it frames, get twists.
+//!
+//! Every call has a limit, and no call repeats an old twist: what does not come in time is an error, and an error means brake.
+
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+use domvs_proto::frame::Secret;
+use domvs_proto::keys::TaskKey;
+use domvs_proto::messages::{Control, ControlReply, TaskState};
+use domvs_proto::settings::TaskSettings;
+use domvs_proto::status::Status;
+use domvs_proto::twist::TwistMessage;
+use serde_json::Value;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::{ConsolidationMode, Querier, QueryTarget};
+
+use crate::answer::{Request, few_answers, first_good};
+use crate::client::Shared;
+use crate::follow::{Commands, Epoch, Statuses};
+use crate::frame::{OutgoingFrame, ReceivedFrame};
+use crate::workers::owner_of;
+use crate::{ClientError, matching};
+
+/// Missing answers in a row after which the owner is looked for.
+const MISSES: u32 = 3;
+
+/// What a handle is made of.
+pub(crate) struct NewTask {
+    pub(crate) shared: Arc<Shared>,
+    pub(crate) key: TaskKey,
+    pub(crate) epoch: u32,
+    pub(crate) secret: Option<Secret>,
+}
+
+/// A handle on a task.
+///
+/// Dropping it sends nothing: the task goes on until it is closed, or until the client's lease ends (the last [`crate::Client`]
+/// clone and task handle dropped, or the process gone), after which the service halts it and closes it after a grace time.
+/// [`Task::close`] ends it at once.
+pub struct Task {
+    shared: Arc<Shared>,
+    key: TaskKey,
+    secret: Option<Secret>,
+    epoch: Epoch,
+    misses: AtomicU32,
+    asker: Querier<'static>,
+    pusher: Publisher<'static>,
+}
+
+impl fmt::Debug for Task {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Task").field("key", &self.key).field("epoch", &self.epoch.get()).finish_non_exhaustive()
+    }
+}
+
+impl Task {
+    /// Declares what is used for every frame, and waits (within the request timeout) until the owner's side is known.
+    pub(crate) async fn open(new: NewTask) -> Result<Task, ClientError> {
+        let NewTask { shared, key, epoch, secret } = new;
+        let (twist, frame) = (shared.keys.twist(&key), shared.keys.frame(&key));
+        let asker = shared
+            .session
+            .declare_querier(twist.clone())
+            .target(QueryTarget::BestMatching)
+            .consolidation(ConsolidationMode::None)
+            .timeout(shared.options.twist_timeout)
+            .priority(Priority::RealTime)
+            .express(true)
+            .await
+            .map_err(ClientError::session("declaring questions", &twist))?;
+        let pusher = shared
+            .session
+            .declare_publisher(frame.clone())
+            .congestion_control(CongestionControl::Drop)
+            .await
+            .map_err(ClientError::session("declaring frames", &frame))?;
+        if !matching::has_queryable(&asker, shared.options.request_timeout).await? {
+            tracing::warn!(key = %twist, "nobody answers here yet");
+        }
+        Ok(Task { shared, key, secret, epoch: Epoch::new(epoch), misses: AtomicU32::new(0), asker, pusher })
+    }
+
+    /// Which task.
+    pub fn key(&self) -> &TaskKey {
+        &self.key
+    }
+
+    /// What lets another process control this task; `None` when it was attached to without.
+    pub fn secret(&self) -> Option<&Secret> {
+        self.secret.as_ref()
+    }
+
+    /// The newest epoch seen: it grows when another worker takes the task over.
+    pub fn epoch(&self) -> u32 {
+        self.epoch.get()
+    }
+
+    /// Sets the desired image and its depth. The task is `ready` then; nothing moves before [`Task::start`].
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`] with the numbers when the target cannot be used, [`ClientError::NoAnswer`].
+    pub async fn set_target(&self, frame: &OutgoingFrame) -> Result<Status, ClientError> {
+        let mut request = self.empty_request(self.shared.keys.target(&self.key));
+        request.payload = frame.payload().clone();
+        request.encoding = frame.encoding().clone();
+        request.attachment = Some(frame.attachment(self.secret.as_ref(), 0));
+        let ControlReply { status } = request.ask_json().await?;
+        Ok(status)
+    }
+
+    /// The target as it was set.
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`] when there is none yet, [`ClientError::NoAnswer`].
+    pub async fn target(&self) -> Result<ReceivedFrame, ClientError> {
+        let request = self.empty_request(self.shared.keys.target(&self.key));
+        ReceivedFrame::from_sample(&request.key, &request.ask().await?)
+    }
+
+    /// Lets twists move the camera, from the beginning: counters and the initial image are reset.
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
+    pub async fn start(&self) -> Result<Status, ClientError> {
+        self.control(Control::Start).await
+    }
+
+    /// Brakes until [`Task::resume`].
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
+    pub async fn pause(&self) -> Result<Status, ClientError> {
+        self.control(Control::Pause).await
+    }
+
+    /// Goes on after a pause, where it was.
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
+    pub async fn resume(&self) -> Result<Status, ClientError> {
+        self.control(Control::Resume).await
+    }
+
+    /// Brakes until [`Task::start`].
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
+    pub async fn stop(&self) -> Result<Status, ClientError> {
+        self.control(Control::Stop).await
+    }
+
+    /// Ends the task now.
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
+    pub async fn close(self) -> Result<Status, ClientError> {
+        self.control(Control::Close).await
+    }
+
+    /// The settings in force, defaults filled in.
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
+    pub async fn settings(&self) -> Result<TaskSettings, ClientError> {
+        self.ask_settings(self.empty_request(self.shared.keys.settings(&self.key))).await
+    }
+
+    /// Changes settings by a JSON merge patch (RFC 7396; null = the default). Gives those in force afterwards.
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`] with the setting and its range, [`ClientError::NoAnswer`].
+    pub async fn change_settings(&self, patch: &Value) -> Result<TaskSettings, ClientError> {
+        self.ask_settings(self.json_request(self.shared.keys.settings(&self.key), patch)).await
+    }
+
+    /// What a standby would need: owner, settings, which target, how far it got.
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
+    pub async fn state(&self) -> Result<TaskState, ClientError> {
+        let state: TaskState = self.empty_request(self.shared.keys.state(&self.key)).ask_json().await?;
+        match self.epoch.admit(state.epoch) {
+            Ok(()) => Ok(state),
+            Err(newest) => Err(Task::older_epoch(&self.shared.keys.state(&self.key), newest, state.epoch)),
+        }
+    }
+
+    /// The twist for this frame, or why there is none; in that case do not move. The next frame asks anew.
+    ///
+    /// # Errors
+    /// [`ClientError::NoAnswer`] for silence; [`ClientError::OwnerLost`] when after three silences in a row nobody owns the task;
+    /// [`ClientError::OlderEpoch`] and [`ClientError::WrongSequence`] for twists that must not be obeyed; [`ClientError::Refused`].
+    pub async fn twist(&self, frame: &OutgoingFrame) -> Result<TwistMessage, ClientError> {
+        match self.ask_twist(frame).await {
+            Err(error) if error.is_silence() => Err(self.count_miss().await.err().unwrap_or(error)),
+            answered => {
+                self.misses.store(0, Ordering::Relaxed);
+                answered
+            }
+        }
+    }
+
+    async fn ask_twist(&self, frame: &OutgoingFrame) -> Result<TwistMessage, ClientError> {
+        let (key, limit) = (self.asker.key_expr().as_str(), self.shared.options.twist_timeout);
+        let (callback, answers) = few_answers();
+        self.asker
+            .get()
+            .payload(frame.payload().clone())
+            .encoding(frame.encoding().clone())
+            .attachment(frame.attachment(self.secret.as_ref(), microseconds(limit)))
+            .callback(callback)
+            .await
+            .map_err(ClientError::session("asking for a twist", key))?;
+        let answer = first_good(answers, key, limit).await?;
+        let twist = TwistMessage::decode(&answer.payload().to_bytes())
+            .map_err(|error| ClientError::bad_answer(key)(&error))?;
+        self.check_twist(key, twist, frame.header().sequence)
+    }
+
+    /// Only the newest owner's twist for this very frame may be obeyed.
+    fn check_twist(&self, key: &str, twist: TwistMessage, expected: u64) -> Result<TwistMessage, ClientError> {
+        self.epoch
+            .admit(twist.epoch)
+            .map_err(|newest| Task::older_epoch(key, newest, twist.epoch))?;
+        // Zeros for a frame whose header nobody could read have no sequence to echo.
+        let unread = twist.sequence == 0 && !twist.is_servoing();
+        if twist.sequence != expected && !unread {
+            return Err(ClientError::WrongSequence { key: key.to_owned(), expected, got: twist.sequence });
+        }
+        Ok(twist)
+    }
+
+    /// Counts one silence; after three in a row looks whether anybody owns the task, and takes over a newer epoch.
+    async fn count_miss(&self) -> Result<(), ClientError> {
+        let misses = self.misses.fetch_add(1, Ordering::Relaxed) + 1;
+        if misses < MISSES {
+            return Ok(());
+        }
+        let Shared { session, keys, options, .. } = &*self.shared;
+        match owner_of(session, keys, &self.key, options.twist_timeout).await? {
+            Some(owner) => {
+                self.misses.store(0, Ordering::Relaxed);
+                if self.epoch.admit(owner.epoch).is_ok() {
+                    tracing::info!(task = %self.key, worker = %owner.worker, epoch = owner.epoch, "the task has an owner");
+                }
+                Ok(())
+            }
+            None => Err(ClientError::OwnerLost { task: self.key.clone(), misses }),
+        }
+    }
+
+    /// Publishes a frame; its twist comes on [`Task::commands`]. On a congested link the frame is dropped, not queued.
+    ///
+    /// # Errors
+    /// [`ClientError::Session`] when the session is closed.
+    pub async fn push(&self, frame: &OutgoingFrame) -> Result<(), ClientError> {
+        self.pusher
+            .put(frame.payload().clone())
+            .encoding(frame.encoding().clone())
+            // Everybody may read this key, so the secret stays out.
+            .attachment(frame.attachment(None, 0))
+            .await
+            .map_err(ClientError::session("pushing a frame", self.pusher.key_expr().as_str()))
+    }
+
+    /// The twists for pushed frames.
+    ///
+    /// # Errors
+    /// [`ClientError::Session`] when the session is closed.
+    pub async fn commands(&self) -> Result<Commands, ClientError> {
+        Commands::follow(&self.shared.session, self.shared.keys.command(&self.key), self.epoch.clone()).await
+    }
+
+    /// What the task says about itself: on every change, and twice a second.
+    ///
+    /// # Errors
+    /// [`ClientError::Session`] when the session is closed.
+    pub async fn statuses(&self) -> Result<Statuses, ClientError> {
+        let key = self.shared.keys.status(&self.key);
+        Statuses::follow(&self.shared.session, key, Some(self.epoch.clone())).await
+    }
+
+    fn older_epoch(key: &str, expected: u32, got: u32) -> ClientError {
+        ClientError::OlderEpoch { key: key.to_owned(), expected, got }
+    }
+
+    async fn ask_settings(&self, request: Request<'_>) -> Result<TaskSettings, ClientError> {
+        let settings: Value = request.ask_json().await?;
+        TaskSettings::from_json(&settings).map_err(|error| ClientError::bad_answer(&request.key)(&error))
+    }
+
+    async fn control(&self, control: Control) -> Result<Status, ClientError> {
+        let request = self.json_request(self.shared.keys.control(&self.key), &control);
+        let ControlReply { status } = request.ask_json().await?;
+        Ok(status)
+    }
+
+    fn empty_request(&self, key: String) -> Request<'_> {
+        self.with_secret(Request::empty(&self.shared.session, key, self.shared.options.request_timeout))
+    }
+
+    fn json_request(&self, key: String, message: &impl serde::Serialize) -> Request<'_> {
+        self.with_secret(Request::json(&self.shared.session, key, message, self.shared.options.request_timeout))
+    }
+
+    fn with_secret<'a>(&self, request: Request<'a>) -> Request<'a> {
+        let attachment = self.secret.as_ref().map(|secret| secret.as_bytes().into());
+        Request { attachment, ..request }
+    }
+}
+
+/// Saturates at over an hour.
+fn microseconds(duration: Duration) -> u32 {
+    u32::try_from(duration.as_micros()).unwrap_or(u32::MAX)
+}
