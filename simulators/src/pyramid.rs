@@ -1,0 +1,99 @@
+//! A texture in octaves: level `k` holds the means of `2^k x 2^k` texels, so that a far plane is not aliased.
+//!
+//! Texel `(i, j)` of the picture covers `[i, i+1) x [j, j+1)`; everything outside the picture is black, in every
+//! level, so the border is as soft as the level is coarse.
+
+use domvs_vision::Plane;
+
+/// The octaves of a gray picture; sampled with continuous coordinates and a continuous level.
+#[derive(Clone, Debug)]
+pub(crate) struct Pyramid {
+    levels: Vec<Level>,
+}
+
+/// One octave, with one black texel around it: bilinear reads need no test at the border.
+#[derive(Clone, Debug)]
+struct Level {
+    width: usize,
+    height: usize,
+    texels_per_base: f32,
+    padded: Vec<f32>,
+}
+
+impl Pyramid {
+    pub(crate) fn new(picture: &Plane<f32>) -> Pyramid {
+        let mut octave = picture.clone();
+        let mut levels = vec![Level::new(&octave, 1.0)];
+        while octave.width() > 1 || octave.height() > 1 {
+            octave = halved(&octave);
+            levels.push(Level::new(&octave, 0.5_f32.powi(levels.len() as i32)));
+        }
+        Pyramid { levels }
+    }
+
+    /// The two levels on either side of `log2_texels` and how far towards the second: for texels of about
+    /// `2^log2_texels` texels of the picture.
+    pub(crate) fn octaves(&self, log2_texels: f32) -> Octaves<'_> {
+        let last = self.levels.len() - 1;
+        let at = log2_texels.clamp(0.0, last as f32);
+        let fine = at as usize;
+        Octaves { fine: &self.levels[fine], coarse: &self.levels[(fine + 1).min(last)], blend: at - fine as f32 }
+    }
+}
+
+/// Where a sample is read: between two levels.
+pub(crate) struct Octaves<'a> {
+    fine: &'a Level,
+    coarse: &'a Level,
+    blend: f32,
+}
+
+impl Octaves<'_> {
+    /// Gray at `(s, t)` in texels of the picture, linear within and between the levels.
+    pub(crate) fn sample(&self, s: f32, t: f32) -> f32 {
+        let fine = self.fine.sample(s, t);
+        if self.blend == 0.0 {
+            return fine;
+        }
+        fine + self.blend * (self.coarse.sample(s, t) - fine)
+    }
+}
+
+impl Level {
+    fn new(octave: &Plane<f32>, texels_per_base: f32) -> Level {
+        let (width, height) = (octave.width(), octave.height());
+        let mut padded = vec![0.0; (width + 2) * (height + 2)];
+        for v in 0..height {
+            let start = (v + 1) * (width + 2) + 1;
+            padded[start..start + width].copy_from_slice(octave.row(v));
+        }
+        Level { width, height, texels_per_base, padded }
+    }
+
+    fn sample(&self, s: f32, t: f32) -> f32 {
+        // Texel centres sit at halves; the padding moves them by one.
+        let (x, y) = (s * self.texels_per_base + 0.5, t * self.texels_per_base + 0.5);
+        let inside = x >= 0.0 && y >= 0.0 && x < (self.width + 1) as f32 && y < (self.height + 1) as f32;
+        if !inside {
+            return 0.0;
+        }
+        let (i, j) = (x as usize, y as usize);
+        let (right, down) = (x - i as f32, y - j as f32);
+        let corner = j * (self.width + 2) + i;
+        let top = &self.padded[corner..corner + 2];
+        let bottom = &self.padded[corner + self.width + 2..corner + self.width + 4];
+        let above = top[0] + right * (top[1] - top[0]);
+        let below = bottom[0] + right * (bottom[1] - bottom[0]);
+        above + down * (below - above)
+    }
+}
+
+/// Means of 2x2 texels; what is missing at an odd border is black.
+fn halved(octave: &Plane<f32>) -> Plane<f32> {
+    let (width, height) = (octave.width(), octave.height());
+    let texel = |u: usize, v: usize| if u < width && v < height { octave.at(u, v) } else { 0.0 };
+    Plane::from_fn(width.div_ceil(2), height.div_ceil(2), |u, v| {
+        let (u, v) = (2 * u, 2 * v);
+        (texel(u, v) + texel(u + 1, v) + texel(u, v + 1) + texel(u + 1, v + 1)) / 4.0
+    })
+}

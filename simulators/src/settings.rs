@@ -1,0 +1,177 @@
+//! Everything a simulated camera is made of, with the defaults of the demonstration.
+
+use std::time::Duration;
+
+use domvs_proto::keys::{Name, TaskKey};
+use domvs_proto::messages::CameraInfo;
+use domvs_proto::settings::Camera;
+use domvs_vision::CameraError;
+
+use crate::camera::PinholeCamera;
+use crate::disturbance::Disturbance;
+use crate::motion::EXPERIMENT_1;
+use crate::packet::{DepthPacking, PixelPacking};
+use crate::photograph::Photograph;
+use crate::scene::{PlaneScene, SceneError};
+use crate::simulation::Simulation;
+
+/// Frames a second that a schedule in nanoseconds still keeps well.
+const FASTEST_HZ: f64 = 1000.0;
+
+/// Whose commands a camera obeys.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Follow {
+    /// Nobody's: it stands and looks.
+    Nobody,
+    /// One task's.
+    Task(TaskKey),
+    /// Any task's of this client, one at a time: while a command of one holds, the others are not heard.
+    Client(Name),
+}
+
+impl Follow {
+    /// Whether commands of `task` are meant for this camera.
+    pub fn includes(&self, task: &TaskKey) -> bool {
+        match self {
+            Follow::Nobody => false,
+            Follow::Task(followed) => followed == task,
+            Follow::Client(client) => *client == task.client,
+        }
+    }
+}
+
+/// Why a simulated camera cannot be made.
+#[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
+pub enum CameraSettingsError {
+    /// The rate is not one that can be kept.
+    #[error("expected a rate above 0 and at most {FASTEST_HZ} Hz, got {rate_hz} Hz")]
+    Rate {
+        /// The rate asked for.
+        rate_hz: f64,
+    },
+    /// The image has no pixels, or more than 65536 in a row or a column.
+    #[error("expected an image between 1x1 and 65536x65536, got {width}x{height}")]
+    Size {
+        /// Pixels to the right.
+        width: usize,
+        /// Pixels down.
+        height: usize,
+    },
+    /// A displacement or a disturbance is not finite, or the noise is negative.
+    #[error("expected finite numbers and noise of at least 0, got {displacement:?} and {disturbance:?}")]
+    NotFinite {
+        /// The displacement asked for.
+        displacement: [f64; 6],
+        /// The disturbance asked for.
+        disturbance: Disturbance,
+    },
+    /// The field of view is impossible.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The scene is impossible.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+}
+
+/// Everything a simulated camera is made of.
+#[derive(Clone, Debug)]
+pub struct CameraSettings {
+    /// Its name in `domvs/camera/<name>/…`.
+    pub name: Name,
+    /// Where its frames go; `None` is its own `domvs/camera/<name>/frame`.
+    pub frame_key: Option<String>,
+    /// Whose commands it obeys.
+    pub follow: Follow,
+    /// Frames a second.
+    pub rate_hz: f64,
+    /// No command holds longer than this, whatever its `valid_ms` says.
+    pub patience: Duration,
+    /// Pixels to the right.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// Field of view over the width, rad.
+    pub horizontal_fov_rad: f64,
+    /// What is on the plane.
+    pub photograph: Photograph,
+    /// How wide the photograph is, m.
+    pub photograph_width_m: f64,
+    /// How far it is in front of the desired camera, m.
+    pub distance_m: f64,
+    /// Where the camera starts: m, m, m, deg, deg, deg, se(3) log coordinates of `T_desired⁻¹ T_initial`.
+    pub displacement: [f64; 6],
+    /// Light, noise, latency and the seed.
+    pub disturbance: Disturbance,
+    /// How gray is sent.
+    pub pixels: PixelPacking,
+    /// How depth is sent.
+    pub depth: DepthPacking,
+}
+
+impl CameraSettings {
+    /// The paper's experiment #1: 512x512 over 60 degrees, 0.7 m wide at 1 m, 15 frames a second, undisturbed.
+    pub fn new(name: Name, photograph: Photograph) -> CameraSettings {
+        CameraSettings {
+            name,
+            frame_key: None,
+            follow: Follow::Nobody,
+            rate_hz: 15.0,
+            patience: Duration::from_millis(500),
+            width: 512,
+            height: 512,
+            horizontal_fov_rad: 60.0_f64.to_radians(),
+            photograph,
+            photograph_width_m: 0.7,
+            distance_m: 1.0,
+            displacement: EXPERIMENT_1,
+            disturbance: Disturbance::default(),
+            pixels: PixelPacking::default(),
+            depth: DepthPacking::default(),
+        }
+    }
+
+    /// The optics alone; fails when the size or the field of view is impossible.
+    pub fn camera(&self) -> Result<PinholeCamera, CameraSettingsError> {
+        let (width, height) = (self.width, self.height);
+        let possible = 1..=65536;
+        if !possible.contains(&width) || !possible.contains(&height) {
+            return Err(CameraSettingsError::Size { width, height });
+        }
+        Ok(PinholeCamera::with_field_of_view(width, height, self.horizontal_fov_rad)?)
+    }
+
+    /// The camera in front of its scene, in lock-step; fails when any setting is impossible.
+    pub fn simulation(&self) -> Result<Simulation, CameraSettingsError> {
+        let Disturbance { noise_std, gain, offset, .. } = self.disturbance;
+        let (displacement, disturbance) = (self.displacement, self.disturbance);
+        let finite = displacement.iter().chain(&[noise_std, gain, offset]).all(|number| number.is_finite());
+        if !finite || noise_std < 0.0 {
+            return Err(CameraSettingsError::NotFinite { displacement, disturbance });
+        }
+        let scene = PlaneScene::new(&self.photograph, self.photograph_width_m, self.distance_m)?;
+        Ok(Simulation::new(scene, self.camera()?, displacement, disturbance))
+    }
+
+    /// What the camera says of itself on the network; fails when the optics or the rate are impossible.
+    pub fn info(&self) -> Result<CameraInfo, CameraSettingsError> {
+        let intrinsics = self.camera()?.intrinsics;
+        let ([fx, fy], [cx, cy]) = (intrinsics.focal_px(), intrinsics.center_px());
+        let (width, height) = (self.width as u32, self.height as u32);
+        Ok(CameraInfo {
+            name: self.name.clone(),
+            camera: Camera { fx, fy, cx, cy, width, height, distortion: None },
+            frame_period_s: self.frame_period()?.as_secs_f64(),
+            depth: self.depth != DepthPacking::None,
+        })
+    }
+
+    /// Time between two frames; fails when the rate is impossible.
+    pub fn frame_period(&self) -> Result<Duration, CameraSettingsError> {
+        let rate_hz = self.rate_hz;
+        if !(rate_hz > 0.0 && rate_hz <= FASTEST_HZ) {
+            return Err(CameraSettingsError::Rate { rate_hz });
+        }
+        Duration::try_from_secs_f64(1.0 / rate_hz).map_err(|_| CameraSettingsError::Rate { rate_hz })
+    }
+}
