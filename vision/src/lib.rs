@@ -1,1 +1,62 @@
-//! Being built.
+//! Direct visual servoing on discrete orthogonal moments: two images in, one camera twist out.
+//!
+//! Nothing here reads a file, a clock or a network. The files follow the data:
+//! `image → camera → depth → twist → law → window → order → basis → projection → interaction → moments → control → servo`.
+//! [`Servo::step`] is the one function that calls the steps from top to bottom; start reading there.
+//! `docs/paper.md` maps the paper's equations to these files, its letters to these words, and numbers
+//! every place where the code leaves the paper (D1, D2, …) or the paper errs (E1, E2, …).
+//!
+//! ```
+//! use domvs_vision::{Depth, Intrinsics, Law, Plane, Servo, View};
+//!
+//! let blob = |cu: f64| Plane::from_fn(64, 48, move |u, v| {
+//!     (-((u as f64 - cu).powi(2) + (v as f64 - 20.0).powi(2)) / 90.0).exp()
+//! });
+//! let depth = Depth::Constant { depth_m: 1.0 };
+//! let (desired, current) = (blob(30.0), blob(34.0));
+//! let camera = Intrinsics::new([60.0, 60.0], [31.5, 23.5])?;
+//!
+//! let mut servo = Servo::new(Law::default(), camera, View { image: &desired, depth: &depth })?;
+//! let step = servo.step(View { image: &current, depth: &depth })?;
+//! assert!(!step.rank_deficient && step.twist.is_finite());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod sample;
+
+mod image;
+
+mod camera;
+
+mod depth;
+
+mod twist;
+
+mod law;
+
+pub mod window;
+
+mod order;
+
+pub mod basis;
+
+mod projection;
+
+pub mod interaction;
+
+mod moments;
+
+pub mod control;
+
+mod servo;
+
+pub use camera::{CameraError, Intrinsics};
+pub use depth::{Depth, DepthError, DepthMap, HoleFill};
+pub use image::{ImageError, Plane};
+pub use law::{Gain, Law, LawError, Method, StepCap};
+pub use moments::{FeatureRow, Work};
+pub use order::{OrderError, OrderRule};
+pub use sample::Sample;
+pub use servo::{Servo, ServoError, Step, View};
+pub use twist::Twist;
+pub use window::{KrawtchoukP, Lattice, Window, WindowInUse};

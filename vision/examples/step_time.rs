@@ -1,0 +1,90 @@
+//! How long one step takes: `cargo run --release -p domvs-vision --example step_time`.
+//!
+//! Median over 41 steps of a 640x480 pair with the default window, one thread, for each method, order and kind of depth; the first
+//! step, which also makes the desired view's half, stands apart. Numbers depend on the machine: no test asserts them.
+
+use std::time::Instant;
+
+use domvs_vision::{
+    Depth, DepthMap, HoleFill, Intrinsics, Law, Method, OrderRule, Plane, Sample, Servo, View,
+};
+
+const WIDTH: usize = 640;
+const HEIGHT: usize = 480;
+
+fn image<T: Sample>(shift: f64) -> Plane<T> {
+    Plane::from_fn(WIDTH, HEIGHT, |u, v| {
+        let (x, y) = (u as f64 - 300.0 - shift, v as f64 - 250.0 + 0.5 * shift);
+        let bell = (-(x * x + 1.4 * y * y) / 2e4).exp();
+        T::from_f64(0.7 * bell + 0.1 * (0.07 * x).sin() * (0.05 * y).cos() + 0.15)
+    })
+}
+
+fn depth_map<T: Sample>(tilt: f64) -> Depth<T> {
+    let metres = Plane::from_fn(WIDTH, HEIGHT, |u, _| T::from_f64(0.8 + tilt * u as f64));
+    Depth::Map(DepthMap::from_metres(&metres, HoleFill::Median).expect("positive depths"))
+}
+
+/// `[median, first]` step in milliseconds.
+fn step_ms<T: Sample>(method: Method, order: usize, depths: [&Depth<T>; 2]) -> [f64; 2] {
+    let (current, desired) = (image::<T>(12.0), image::<T>(0.0));
+    let camera = Intrinsics::new([605.7, 606.2], [324.9, 236.5]).expect("a real camera");
+    let law = Law {
+        method,
+        order: OrderRule::fixed(order).expect("in range"),
+        ..Law::default()
+    };
+    let mut servo = Servo::new(
+        law,
+        camera,
+        View {
+            image: &desired,
+            depth: depths[1],
+        },
+    )
+    .expect("a valid law");
+    let mut times: Vec<f64> = (0..42)
+        .map(|_| {
+            let start = Instant::now();
+            let step = servo.step(View {
+                image: &current,
+                depth: depths[0],
+            });
+            std::hint::black_box(step.expect("a good pair"));
+            start.elapsed().as_secs_f64() * 1e3
+        })
+        .collect();
+    let first = times.remove(0);
+    times.sort_by(f64::total_cmp);
+    [times[times.len() / 2], first]
+}
+
+fn report<T: Sample>(sample: &str) {
+    let constants = [
+        Depth::Constant { depth_m: 1.0 },
+        Depth::Constant { depth_m: 1.1 },
+    ];
+    let maps = [depth_map::<T>(2e-4), depth_map::<T>(1e-4)];
+    for method in [
+        Method::Hahn,
+        Method::Krawtchouk,
+        Method::Tchebichef,
+        Method::Cosine,
+    ] {
+        for order in [8, 16] {
+            for (kind, depths) in [("constant", &constants), ("map", &maps)] {
+                let [median, first] = step_ms::<T>(method, order, [&depths[0], &depths[1]]);
+                let name = format!("{method:?}");
+                println!(
+                    "{sample}  {name:<10}  l = {order:<2}  {kind:<8}  {median:6.2} ms  (first {first:.2} ms)"
+                );
+            }
+        }
+    }
+}
+
+fn main() {
+    println!("one step, {WIDTH}x{HEIGHT}, one thread");
+    report::<f32>("f32");
+    report::<f64>("f64");
+}

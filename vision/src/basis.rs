@@ -1,0 +1,401 @@
+//! The polynomial rows that make the moments: orthonormal on the pixels of one axis, highest coefficient positive.
+//!
+//! The paper walks along `u` from 0 (Eq. (5), Tables I and II), which grows without bound past the weight's mode. Here (deviation D1):
+//!
+//! 1. `q_0 = √w`, multiplied outwards from the mode by `√(w(u)/w(u-1))` of Table I, so an underflow only ever drops nothing;
+//! 2. Stieltjes: `z = (t - α_n) q_n - β_n q_{n-1}`, `q_{n+1} = z/β_{n+1}`, with `u` scaled to `t` in `[-1, 1]`;
+//! 3. every `z` is made orthogonal twice to all rows before it.
+//!
+//! The recurrence `t q_n = β_n q_{n-1} + α_n q_n + β_{n+1} q_{n+1}` is kept: it turns moments of `p_n` into moments of `x p_n`.
+//! The cosine rows (DCT-II) are closed form and have no such recurrence.
+
+use crate::window::Lattice;
+
+/// Largest Hahn parameter a basis is made for; the adaptive rule stays below it at every size here.
+pub const HAHN_LIMIT: f64 = 1e9;
+
+/// Shortest and longest axis a basis is made for, in pixels.
+pub const LENGTHS: std::ops::RangeInclusive<usize> = 8..=4096;
+
+/// Above this the rows are not orthonormal enough to be used.
+const LARGEST_DEFECT: f64 = 1e-9;
+
+/// Which rows, with their parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Polynomial {
+    /// Hahn, `a, b >= 0`, real; a larger `b` moves the window right, a larger `a + b` narrows it.
+    Hahn {
+        /// Weighs the right end down.
+        a: f64,
+        /// Weighs the left end down.
+        b: f64,
+    },
+    /// Krawtchouk, `0 < p < 1`: a window of width `√(N p (1-p))` about `p N`.
+    Krawtchouk {
+        /// Where.
+        p: f64,
+        /// On which points.
+        lattice: Lattice,
+    },
+    /// Tchebichef: no window (Hahn with `a = b = 0`).
+    Tchebichef,
+    /// Orthonormal cosines (DCT-II): no window, not polynomials in `u`.
+    Cosine,
+}
+
+/// Why there is no such basis.
+#[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
+pub enum BasisError {
+    /// An axis is too short or too long.
+    #[error("an axis has {} to {} pixels, got {length}", LENGTHS.start(), LENGTHS.end())]
+    Length {
+        /// Pixels.
+        length: usize,
+    },
+    /// More rows than pixels.
+    #[error("an axis of {length} pixels has {length} independent rows at most, got {rows}")]
+    Rows {
+        /// Pixels.
+        length: usize,
+        /// Rows asked for.
+        rows: usize,
+    },
+    /// A parameter is outside its range.
+    #[error("basis parameters are out of range: {polynomial:?}")]
+    Parameter {
+        /// As given.
+        polynomial: Polynomial,
+    },
+    /// The rows are not orthonormal: the window is too narrow for that many of them.
+    #[error(
+        "expected rows orthonormal to {LARGEST_DEFECT:e}, got a defect of {defect:e} for {polynomial:?}"
+    )]
+    Defect {
+        /// Largest deviation of the rows' products from the identity.
+        defect: f64,
+        /// As given.
+        polynomial: Polynomial,
+    },
+}
+
+/// The rows `p_0 … p_{rows-1}` on the pixels of one axis, and their recurrence.
+#[derive(Debug, Clone)]
+pub struct Basis {
+    length: usize,
+    /// Row `n` starts at `n * (length + 1)`: the paper's Krawtchouk lattice has one point more than pixels.
+    values: Vec<f64>,
+    scaled_u: Vec<f64>,
+    diagonal: Vec<f64>,
+    off_diagonal: Vec<f64>,
+    points: usize,
+    polynomial: Polynomial,
+    defect: f64,
+}
+
+/// `t q_n = off_diagonal[n] q_{n-1} + diagonal[n] q_n + off_diagonal[n + 1] q_{n+1}`, with `t = 2u/(points - 1) - 1`.
+#[derive(Debug, Clone, Copy)]
+pub struct Recurrence<'a> {
+    /// `α_n`, for every row but the last.
+    pub diagonal: &'a [f64],
+    /// `β_n`, for every row; `β_0 = 0`.
+    pub off_diagonal: &'a [f64],
+    /// Points of the lattice.
+    pub points: usize,
+}
+
+impl Basis {
+    /// `rows` orthonormal rows on `length` pixels.
+    ///
+    /// # Errors
+    /// A length outside [`LENGTHS`], more rows than pixels, a parameter out of range, or a defect above 1e-9.
+    pub fn new(length: usize, rows: usize, polynomial: Polynomial) -> Result<Basis, BasisError> {
+        if !LENGTHS.contains(&length) {
+            return Err(BasisError::Length { length });
+        }
+        if rows == 0 || rows > length {
+            return Err(BasisError::Rows { length, rows });
+        }
+        let mut basis = Basis {
+            length,
+            values: vec![0.0; rows * (length + 1)],
+            scaled_u: vec![0.0; length + 1],
+            diagonal: vec![0.0; rows - 1],
+            off_diagonal: vec![0.0; rows],
+            points: length,
+            polynomial,
+            defect: f64::INFINITY,
+        };
+        basis.remake(polynomial)?;
+        Ok(basis)
+    }
+
+    /// Other rows of the same number and length, in place, without allocating. After an error the rows are of no use.
+    ///
+    /// # Errors
+    /// A parameter out of range, or a defect above 1e-9 (the paper's lattice, cut to the pixels, only reports its defect).
+    pub fn remake(&mut self, polynomial: Polynomial) -> Result<(), BasisError> {
+        if !polynomial.is_in_range() {
+            return Err(BasisError::Parameter { polynomial });
+        }
+        self.polynomial = polynomial;
+        self.points = self.length + usize::from(polynomial.has_extra_point());
+        match polynomial {
+            Polynomial::Cosine => self.fill_cosines(),
+            _ => self.fill_polynomials(),
+        }
+        // On its own lattice every basis must prove itself; the cut to the pixels comes after that.
+        let defect = self.products_defect(self.points);
+        if defect > LARGEST_DEFECT || defect.is_nan() {
+            return Err(BasisError::Defect { defect, polynomial });
+        }
+        self.defect = if self.points == self.length {
+            defect
+        } else {
+            self.products_defect(self.length)
+        };
+        Ok(())
+    }
+
+    /// Row `n`: `p_n(u)` for `u = 0 … length - 1`; panics beyond the last row.
+    pub fn row(&self, n: usize) -> &[f64] {
+        &self.lattice_row(n)[..self.length]
+    }
+
+    /// How many rows.
+    pub fn rows(&self) -> usize {
+        self.off_diagonal.len()
+    }
+
+    /// How many pixels.
+    pub fn length(&self) -> usize {
+        self.length
+    }
+
+    /// What the rows are.
+    pub fn polynomial(&self) -> Polynomial {
+        self.polynomial
+    }
+
+    /// Largest deviation of the rows' products, over the pixels, from the identity.
+    pub fn defect(&self) -> f64 {
+        self.defect
+    }
+
+    /// The three-term recurrence of the rows; the cosines have none.
+    pub fn recurrence(&self) -> Option<Recurrence<'_>> {
+        (self.polynomial != Polynomial::Cosine).then_some(Recurrence {
+            diagonal: &self.diagonal,
+            off_diagonal: &self.off_diagonal,
+            points: self.points,
+        })
+    }
+
+    fn lattice_row(&self, n: usize) -> &[f64] {
+        &self.values[n * (self.length + 1)..][..self.points]
+    }
+
+    /// `p_0 = √(1/N)`, `p_n(u) = √(2/N) cos(π n (2u + 1) / 2N)`.
+    fn fill_cosines(&mut self) {
+        let length = self.length as f64;
+        for (n, row) in self.values.chunks_exact_mut(self.length + 1).enumerate() {
+            let scale = (if n == 0 { 1.0 } else { 2.0 } / length).sqrt();
+            for (u, value) in row[..self.length].iter_mut().enumerate() {
+                // The angle's period is 4N: reducing the whole numbers first keeps the cosine exact to its last digits.
+                let quarter_steps = (n * (2 * u + 1)) % (4 * self.length);
+                *value =
+                    scale * (std::f64::consts::PI * quarter_steps as f64 / (2.0 * length)).cos();
+            }
+        }
+    }
+
+    fn fill_polynomials(&mut self) {
+        let (points, stride) = (self.points, self.length + 1);
+        for (u, t) in self.scaled_u[..points].iter_mut().enumerate() {
+            *t = 2.0 * u as f64 / (points - 1) as f64 - 1.0;
+        }
+        fill_root_weight(self.polynomial, &mut self.values[..points]);
+        let t = &self.scaled_u[..points];
+        for n in 0..self.off_diagonal.len() - 1 {
+            let (made, next) = self.values.split_at_mut((n + 1) * stride);
+            let z = &mut next[..points];
+            let q = &made[n * stride..][..points];
+            let alpha: f64 = sum(t.iter().zip(q).map(|(t, q)| t * q * q));
+            for ((z, t), q) in z.iter_mut().zip(t).zip(q) {
+                *z = (t - alpha) * q;
+            }
+            // The first round also takes out `β_n q_{n-1}`; the second what rounding left of the first.
+            for _ in 0..2 {
+                made.chunks_exact(stride)
+                    .rev()
+                    .for_each(|row| remove_component(z, &row[..points]));
+            }
+            self.diagonal[n] = alpha;
+            self.off_diagonal[n + 1] = normalize(z);
+        }
+    }
+
+    fn products_defect(&self, points: usize) -> f64 {
+        let row = |n: usize| &self.lattice_row(n)[..points];
+        let products = (0..self.rows()).flat_map(|n| (0..=n).map(move |m| (n, m)));
+        let deviations =
+            products.map(|(n, m)| (dot(row(n), row(m)) - f64::from(u8::from(n == m))).abs());
+        // `f64::max` would swallow a NaN; a row that is not a number must fail.
+        deviations.fold(
+            0.0,
+            |worst, d| if d > worst || d.is_nan() { d } else { worst },
+        )
+    }
+}
+
+impl Polynomial {
+    fn is_in_range(&self) -> bool {
+        match *self {
+            Polynomial::Hahn { a, b } => {
+                (0.0..=HAHN_LIMIT).contains(&a) && (0.0..=HAHN_LIMIT).contains(&b)
+            }
+            Polynomial::Krawtchouk { p, .. } => p > 0.0 && p < 1.0,
+            Polynomial::Tchebichef | Polynomial::Cosine => true,
+        }
+    }
+
+    fn has_extra_point(&self) -> bool {
+        matches!(
+            self,
+            Polynomial::Krawtchouk {
+                lattice: Lattice::Paper,
+                ..
+            }
+        )
+    }
+
+    /// `w(u)/w(u-1)` on `u = 0 … points - 1`, Table I; `points` is the number of lattice points.
+    fn weight_ratio(&self, u: f64, points: f64) -> f64 {
+        match *self {
+            Polynomial::Hahn { a, b } => (b + u) / u * (points - u) / (points + a - u),
+            Polynomial::Krawtchouk { p, .. } => p / (1.0 - p) * (points - u) / u,
+            Polynomial::Tchebichef | Polynomial::Cosine => 1.0,
+        }
+    }
+}
+
+/// `q_0 = √w`, normalized: the weight falls on both sides of its mode, so start there with 1 and multiply outwards.
+fn fill_root_weight(polynomial: Polynomial, q: &mut [f64]) {
+    let points = q.len();
+    let ratio = |u: usize| polynomial.weight_ratio(u as f64, points as f64);
+    let mode = (1..points)
+        .take_while(|u| ratio(*u) >= 1.0)
+        .last()
+        .unwrap_or(0);
+    q[mode] = 1.0;
+    for u in mode + 1..points {
+        q[u] = q[u - 1] * ratio(u).sqrt();
+    }
+    for u in (0..mode).rev() {
+        q[u] = q[u + 1] / ratio(u + 1).sqrt();
+    }
+    normalize(q);
+}
+
+/// Takes the part along the unit vector `row` out of `z`.
+fn remove_component(z: &mut [f64], row: &[f64]) {
+    let along = dot(z, row);
+    for (z, row) in z.iter_mut().zip(row) {
+        *z -= along * row;
+    }
+}
+
+/// Scales `z` to length 1 and returns the length it had.
+fn normalize(z: &mut [f64]) -> f64 {
+    let length = dot(z, z).sqrt();
+    z.iter_mut().for_each(|z| *z /= length);
+    length
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    sum(a.iter().zip(b).map(|(a, b)| a * b))
+}
+
+/// A sum in eight strands: quicker than one strand, and with a smaller rounding error.
+fn sum(terms: impl Iterator<Item = f64>) -> f64 {
+    let mut strands = [0.0; 8];
+    for (i, term) in terms.enumerate() {
+        strands[i % 8] += term;
+    }
+    strands.iter().sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hahn_without_a_window_is_tchebichef() {
+        let hahn = Basis::new(100, 20, Polynomial::Hahn { a: 0.0, b: 0.0 }).expect("valid");
+        let tchebichef = Basis::new(100, 20, Polynomial::Tchebichef).expect("valid");
+        let worst = (0..20)
+            .flat_map(|n| hahn.row(n).iter().zip(tchebichef.row(n)))
+            .map(|(a, b)| (a - b).abs());
+        assert!(
+            worst.fold(0.0, f64::max) < 1e-12,
+            "both are made by the same steps, from equal weights"
+        );
+    }
+
+    #[test]
+    fn the_recurrence_multiplies_by_u() {
+        let basis = Basis::new(64, 12, Polynomial::Hahn { a: 3.5, b: 9.0 }).expect("valid");
+        let by = basis.recurrence().expect("hahn has one");
+        for (n, u) in (1..11).flat_map(|n| (0..64).map(move |u| (n, u))) {
+            let t = 2.0 * u as f64 / (by.points - 1) as f64 - 1.0;
+            let right = by.off_diagonal[n] * basis.row(n - 1)[u]
+                + by.diagonal[n] * basis.row(n)[u]
+                + by.off_diagonal[n + 1] * basis.row(n + 1)[u];
+            assert!(
+                (t * basis.row(n)[u] - right).abs() < 1e-14,
+                "unit rows and |t| <= 1: a few rounding errors"
+            );
+        }
+    }
+
+    #[test]
+    fn the_papers_krawtchouk_lattice_reports_its_defect_on_the_pixels() {
+        let at = |p, lattice| {
+            Basis::new(128, 17, Polynomial::Krawtchouk { p, lattice })
+                .expect("valid")
+                .defect()
+        };
+        assert!(
+            at(0.97, Lattice::Paper) > 0.1,
+            "the cut point carries much of the weight"
+        );
+        assert!(at(0.5, Lattice::Paper) < 1e-12 && at(0.97, Lattice::Exact) < 1e-12);
+    }
+
+    #[test]
+    fn a_basis_that_cannot_be_is_refused() {
+        assert_eq!(
+            Basis::new(7, 3, Polynomial::Tchebichef).err(),
+            Some(BasisError::Length { length: 7 })
+        );
+        assert_eq!(
+            Basis::new(8, 9, Polynomial::Cosine).err(),
+            Some(BasisError::Rows { length: 8, rows: 9 })
+        );
+        let bad = [
+            Polynomial::Hahn { a: -0.5, b: 0.0 },
+            Polynomial::Hahn {
+                a: 0.0,
+                b: f64::NAN,
+            },
+            Polynomial::Krawtchouk {
+                p: 1.0,
+                lattice: Lattice::Exact,
+            },
+        ];
+        assert!(
+            bad.iter()
+                .all(|p| matches!(Basis::new(32, 5, *p), Err(BasisError::Parameter { .. })))
+        );
+    }
+}

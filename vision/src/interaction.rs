@@ -1,0 +1,132 @@
+//! How the image moves under a camera twist: `L_x` of a point, and `L_I` of the brightness, Eq. (36)–(38).
+//!
+//! `L_I = -∇Iᵀ L_κ L_x`, with `∇I` in brightness per pixel, by central differences (one-sided at the border), and `L_κ` the focal
+//! lengths in pixels. Its projection on `p_nm` is a row of the interaction matrix, Eq. (40) and (52). Written out, with
+//! `g_u = f_u ∇I_u`, `g_v = f_v ∇I_v` and `ζ = 1/Z`:
+//!
+//! ```text
+//! L_I = [ ζ g_u,  ζ g_v,  -ζ(x g_u + y g_v),  -(x y g_u + (1 + y²) g_v),  (1 + x²) g_u + x y g_v,  x g_v - y g_u ]
+//! ```
+
+use nalgebra::Matrix2x6;
+
+use crate::image::Plane;
+use crate::sample::Sample;
+
+/// `L_x`: how a point at normalized `(x, y)` and depth `Z` moves under a camera twist, Eq. (37).
+pub fn point_interaction(x: f64, y: f64, depth_m: f64) -> Matrix2x6<f64> {
+    let inv_z = 1.0 / depth_m;
+    #[rustfmt::skip]
+    let l_x = Matrix2x6::new(
+        -inv_z,    0.0, x * inv_z,       x * y, -(1.0 + x * x),  y,
+           0.0, -inv_z, y * inv_z, 1.0 + y * y,         -x * y, -x,
+    );
+    l_x
+}
+
+/// `∇I_u` and `∇I_v` along row `v`, in brightness per pixel: central differences, one-sided at the border.
+pub fn gradient_row<T: Sample>(image: &Plane<T>, v: usize, along_u: &mut [T], along_v: &mut [T]) {
+    let half = T::from_f64(0.5);
+    let (row, last_u, last_v) = (image.row(v), image.width() - 1, image.height() - 1);
+
+    for ((slope, left), right) in along_u[1..last_u].iter_mut().zip(row).zip(&row[2..]) {
+        *slope = half * (*right - *left);
+    }
+    along_u[0] = row[1] - row[0];
+    along_u[last_u] = row[last_u] - row[last_u - 1];
+
+    let (above, below) = (v.saturating_sub(1), (v + 1).min(last_v));
+    let scale = if below - above == 2 {
+        half
+    } else {
+        T::from_f64(1.0)
+    };
+    for ((slope, above), below) in along_v
+        .iter_mut()
+        .zip(image.row(above))
+        .zip(image.row(below))
+    {
+        *slope = scale * (*below - *above);
+    }
+}
+
+/// The moments, along one image row and for one `p_n`, of what `L_I` is made of. `g_u` and `g_v` are `f_u ∇I_u` and `f_v ∇I_v`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct GradientMoments {
+    /// Of `g_u`, `x g_u` and `x² g_u`.
+    pub g_u: [f64; 3],
+    /// Of `g_v` and `x g_v`.
+    pub g_v: [f64; 2],
+    /// Of `ζ g_u` and `x ζ g_u`.
+    pub zeta_g_u: [f64; 2],
+    /// Of `ζ g_v`.
+    pub zeta_g_v: f64,
+}
+
+impl GradientMoments {
+    /// The six columns of `L_I`, projected on `p_n` along the row at normalized `y`.
+    #[inline]
+    pub(crate) fn interaction(&self, y: f64) -> [f64; 6] {
+        let GradientMoments {
+            g_u,
+            g_v,
+            zeta_g_u,
+            zeta_g_v,
+        } = self;
+        [
+            zeta_g_u[0],
+            *zeta_g_v,
+            -(zeta_g_u[1] + y * zeta_g_v),
+            -(y * g_u[1] + (1.0 + y * y) * g_v[0]),
+            g_u[0] + g_u[2] + y * g_v[1],
+            g_v[1] - y * g_u[0],
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_gradient_of_a_ramp_is_its_slope_up_to_the_border() {
+        let ramp = Plane::from_fn(9, 7, |u, v| 3.0 * u as f64 - 2.0 * v as f64);
+        let (mut along_u, mut along_v) = ([0.0; 9], [0.0; 9]);
+        for v in 0..7 {
+            gradient_row(&ramp, v, &mut along_u, &mut along_v);
+            assert_eq!((along_u, along_v), ([3.0; 9], [-2.0; 9]));
+        }
+    }
+
+    #[test]
+    fn the_gradient_of_a_parabola_is_one_sided_at_the_border() {
+        let parabola = Plane::from_fn(8, 8, |_, v| (v * v) as f32);
+        let (mut along_u, mut along_v) = ([0.0; 8], [0.0; 8]);
+        for (v, slope) in [(0, 1.0), (1, 2.0), (6, 12.0), (7, 13.0)] {
+            gradient_row(&parabola, v, &mut along_u, &mut along_v);
+            assert_eq!(along_v, [slope; 8]);
+        }
+    }
+
+    #[test]
+    fn the_written_out_row_is_minus_gradient_times_l_x() {
+        let (x, y, depth_m, g) = (0.3, -0.2, 0.8, [1.7, -0.6]);
+        let zeta = 1.0 / depth_m;
+        let at_one_pixel = GradientMoments {
+            g_u: [g[0], x * g[0], x * x * g[0]],
+            g_v: [g[1], x * g[1]],
+            zeta_g_u: [zeta * g[0], x * zeta * g[0]],
+            zeta_g_v: zeta * g[1],
+        };
+        let expected = -nalgebra::RowVector2::from(g) * point_interaction(x, y, depth_m);
+        let worst = at_one_pixel
+            .interaction(y)
+            .into_iter()
+            .zip(expected.iter())
+            .map(|(a, b)| (a - b).abs());
+        assert!(
+            worst.fold(0.0, f64::max) < 1e-15,
+            "numbers near 1: a rounding error or two"
+        );
+    }
+}

@@ -1,0 +1,60 @@
+//! The number a pixel plane is made of: `f32` where speed counts, `f64` where the last digits do.
+//!
+//! Only planes and the bases that meet them are generic. Sums over rows, the features and the 6x6 part are always `f64`.
+
+use std::fmt::Debug;
+use std::ops::{Add, AddAssign, Div, Mul, Sub};
+
+/// A pixel's number type: `f32` or `f64`.
+pub trait Sample:
+    Copy
+    + Debug
+    + Default
+    + PartialOrd
+    + Send
+    + Sync
+    + 'static
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + AddAssign
+{
+    /// Nought.
+    const ZERO: Self;
+
+    /// Beyond every number.
+    const INFINITY: Self;
+
+    /// The nearest sample to `value`.
+    fn from_f64(value: f64) -> Self;
+
+    /// This sample as `f64`, exactly.
+    fn to_f64(self) -> f64;
+}
+
+impl Sample for f32 {
+    const ZERO: f32 = 0.0;
+    const INFINITY: f32 = f32::INFINITY;
+
+    fn from_f64(value: f64) -> f32 {
+        value as f32
+    }
+
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+}
+
+impl Sample for f64 {
+    const ZERO: f64 = 0.0;
+    const INFINITY: f64 = f64::INFINITY;
+
+    fn from_f64(value: f64) -> f64 {
+        value
+    }
+
+    fn to_f64(self) -> f64 {
+        self
+    }
+}

@@ -1,0 +1,353 @@
+//! The law on two views: `step` reads top to bottom as the paper's data way.
+//!
+//! No clock, no thread, no randomness: the same law, desired view and images give the same twists, bit for bit, on one machine type.
+
+use crate::basis::{BasisError, LENGTHS, Polynomial};
+use crate::camera::Intrinsics;
+use crate::control::{NormalEquations, cap_step};
+use crate::depth::Depth;
+use crate::image::Plane;
+use crate::law::{Law, LawError, Method};
+use crate::moments::{FeatureRow, Moments, Work};
+use crate::order::feature_count;
+use crate::sample::Sample;
+use crate::twist::Twist;
+use crate::window::{
+    Brightness, KrawtchoukP, NoBrightness, Rule, Window, WindowInUse, hahn_window, krawtchouk_p,
+};
+
+/// What a camera sees: an image in `[0, 1]`, and how far it is.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a, T> {
+    /// Gray image.
+    pub image: &'a Plane<T>,
+    /// Its depth.
+    pub depth: &'a Depth<T>,
+}
+
+/// A camera servoed to where the desired view was taken.
+#[derive(Debug)]
+pub struct Servo<T> {
+    law: Law,
+    desired_image: Plane<T>,
+    desired_depth: Depth<T>,
+    desired_brightness: Brightness,
+    current_brightness: Brightness,
+    initial_mse: Option<f64>,
+    moments: Moments<T>,
+}
+
+/// One step's twist, and what it was made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Step {
+    /// `-λ` times the capped step; exactly zero if the rank is deficient.
+    pub twist: Twist,
+    /// The full step `-L̂⁺e`, metres and radians, before cap and gain; only along the directions seen if the rank is deficient.
+    pub gauss_newton: [f64; 6],
+    /// Whether the step was longer than the cap.
+    pub step_capped: bool,
+    /// `λ`, in 1/s.
+    pub gain_per_s: f64,
+    /// `l`.
+    pub order: usize,
+    /// How many features: `(l + 1)(l + 2)/2`.
+    pub features: usize,
+    /// The parameters of the bases.
+    pub window: WindowInUse,
+    /// Mean of `(I - I*)²`.
+    pub pixel_mse: f64,
+    /// `e·e`.
+    pub feature_error_squared: f64,
+    /// Of `L̂` over the free degrees; infinite when it is singular.
+    pub condition_number: f64,
+    /// Directions seen, of the free degrees.
+    pub rank: usize,
+    /// Whether some free direction is not seen.
+    pub rank_deficient: bool,
+}
+
+/// Why there is no servo, or no step.
+#[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
+pub enum ServoError {
+    /// The law's own numbers.
+    #[error(transparent)]
+    Law(#[from] LawError),
+    /// A side is too short or too long.
+    #[error("images have {} to {} pixels a side, got {got:?}", LENGTHS.start(), LENGTHS.end())]
+    SizeOutOfRange {
+        /// `[width, height]`.
+        got: [usize; 2],
+    },
+    /// The order is too high for the size.
+    #[error("expected orders up to {highest} for {size:?} pixels (shorter side - 3), got {got}")]
+    OrderTooHigh {
+        /// `min(width, height) - 3`.
+        highest: usize,
+        /// The rule's highest order.
+        got: usize,
+        /// `[width, height]`.
+        size: [usize; 2],
+    },
+    /// An image has another size than the desired one.
+    #[error("expected an image of {expected:?} pixels, got {got:?}")]
+    ImageSize {
+        /// `[width, height]` of the desired image.
+        expected: [usize; 2],
+        /// `[width, height]` given.
+        got: [usize; 2],
+    },
+    /// A depth map has another size than the desired image.
+    #[error("expected a depth map of {expected:?} pixels, got {got:?}")]
+    DepthSize {
+        /// `[width, height]` of the desired image.
+        expected: [usize; 2],
+        /// `[width, height]` given.
+        got: [usize; 2],
+    },
+    /// A constant depth is not positive and finite.
+    #[error("a constant depth must be positive and finite, got {depth_m} m")]
+    DepthNotPositive {
+        /// As given, metres.
+        depth_m: f64,
+    },
+    /// A pixel is not a finite number, or so large that sums over the image are not.
+    #[error("the image holds numbers that are not finite, or sums beyond all numbers")]
+    ImageNotFinite,
+    /// An adaptive window needs brightness to follow.
+    #[error(transparent)]
+    NoBrightness(#[from] NoBrightness),
+    /// The window leaves no orthonormal basis.
+    #[error(transparent)]
+    Basis(#[from] BasisError),
+}
+
+impl<T: Sample> Servo<T> {
+    /// A servo to `desired`, which is copied. All buffers are made here: a step allocates nothing.
+    ///
+    /// # Errors
+    /// A law, size, order or depth out of range, or a desired image that is not finite or (for an adaptive window) black.
+    pub fn new(law: Law, camera: Intrinsics, desired: View<'_, T>) -> Result<Servo<T>, ServoError> {
+        law.check()?;
+        let size = desired.image.size();
+        if !size.iter().all(|side| LENGTHS.contains(side)) {
+            return Err(ServoError::SizeOutOfRange { got: size });
+        }
+        let (highest, got) = (size[0].min(size[1]) - 3, law.order.max());
+        if got > highest {
+            return Err(ServoError::OrderTooHigh { highest, got, size });
+        }
+        check_view(desired, size)?;
+        mean_square_difference(desired.image, desired.image)?;
+        let brightness = Brightness::of(desired.image);
+        let window = window_in_use(&law, &brightness, &brightness)?;
+        Ok(Servo {
+            law,
+            desired_image: desired.image.clone(),
+            desired_depth: desired.depth.clone(),
+            current_brightness: brightness.clone(),
+            desired_brightness: brightness,
+            initial_mse: None,
+            moments: Moments::new(camera, size, law.order.max(), polynomials(&law, window))?,
+        })
+    }
+
+    /// The twist that brings `current` nearer to the desired view. After an error the servo is as if it had not been called.
+    ///
+    /// # Errors
+    /// A size or depth that does not fit, pixels that are not finite, or (for an adaptive window) a black image.
+    pub fn step(&mut self, current: View<'_, T>) -> Result<Step, ServoError> {
+        check_view(current, self.desired_image.size())?;
+        let pixel_mse = mean_square_difference(current.image, &self.desired_image)?;
+
+        let window = self.choose_window(current.image)?;
+        let initial_mse = self.initial_mse.unwrap_or(pixel_mse);
+        let order = self.law.order.order(pixel_mse, initial_mse);
+
+        let equations = self.normal_equations(current, window, order)?;
+        if !equations.is_finite() {
+            return Err(ServoError::ImageNotFinite);
+        }
+
+        let free = self.law.degrees_of_freedom;
+        let solution = equations.solve(free);
+        let rank_deficient = solution.rank < free.iter().filter(|free| **free).count();
+        let (capped, step_capped) = cap_step(solution.gauss_newton, self.law.step_cap);
+        let gain_per_s = self.law.gain.per_second(pixel_mse);
+        let twist = if rank_deficient {
+            Twist::ZERO
+        } else {
+            Twist::from_array(capped).scaled(gain_per_s)
+        };
+
+        self.initial_mse = Some(initial_mse);
+        Ok(Step {
+            twist,
+            gauss_newton: solution.gauss_newton,
+            step_capped,
+            gain_per_s,
+            order,
+            features: equations.features,
+            window,
+            pixel_mse,
+            feature_error_squared: equations.error_squared,
+            condition_number: solution.condition_number,
+            rank: solution.rank,
+            rank_deficient,
+        })
+    }
+
+    /// Sets the initial image `I°` of the order rule; otherwise it is the image of the first step.
+    ///
+    /// # Errors
+    /// Another size, or pixels that are not finite.
+    pub fn set_initial(&mut self, image: &Plane<T>) -> Result<(), ServoError> {
+        check_size(image, self.desired_image.size())?;
+        self.initial_mse = Some(mean_square_difference(image, &self.desired_image)?);
+        Ok(())
+    }
+
+    /// Forgets `I°`: the next step's image takes its place.
+    pub fn restart(&mut self) {
+        self.initial_mse = None;
+    }
+
+    /// The law as it was given.
+    pub fn law(&self) -> &Law {
+        &self.law
+    }
+
+    /// The features of the last step, `n` outside, `m` inside: what `e` and `L̂` were.
+    pub fn features(&self) -> impl Iterator<Item = FeatureRow> {
+        self.moments.features()
+    }
+
+    /// What has been made anew since the servo was made.
+    pub fn work(&self) -> Work {
+        self.moments.work()
+    }
+
+    fn choose_window(&mut self, current: &Plane<T>) -> Result<WindowInUse, NoBrightness> {
+        if is_adaptive(&self.law) {
+            self.current_brightness.set(current);
+        }
+        window_in_use(
+            &self.law,
+            &self.current_brightness,
+            &self.desired_brightness,
+        )
+    }
+
+    /// The one place that knows how each method makes its equations.
+    fn normal_equations(
+        &mut self,
+        current: View<'_, T>,
+        window: WindowInUse,
+        order: usize,
+    ) -> Result<NormalEquations, ServoError> {
+        let views = [
+            (current.image, current.depth),
+            (&self.desired_image, &self.desired_depth),
+        ];
+        match self.law.method {
+            Method::Hahn | Method::Krawtchouk | Method::Tchebichef | Method::Cosine => {
+                let equations =
+                    self.moments
+                        .normal_equations(polynomials(&self.law, window), order, views)?;
+                debug_assert_eq!(equations.features, feature_count(order));
+                Ok(equations)
+            }
+        }
+    }
+}
+
+/// Whether the law's window follows the images.
+fn is_adaptive(law: &Law) -> bool {
+    match law.method {
+        Method::Hahn => !matches!(law.window, Window::Fixed { .. }),
+        Method::Krawtchouk => law.krawtchouk_p == KrawtchoukP::Adaptive,
+        Method::Tchebichef | Method::Cosine => false,
+    }
+}
+
+fn window_in_use(
+    law: &Law,
+    current: &Brightness,
+    desired: &Brightness,
+) -> Result<WindowInUse, NoBrightness> {
+    let hahn = |rule| hahn_window(rule, current, desired).map(|[x, y]| WindowInUse::Hahn { x, y });
+    match (law.method, law.window, law.krawtchouk_p) {
+        (Method::Hahn, Window::Adaptive, _) => hahn(Rule::Logs),
+        (Method::Hahn, Window::AdaptivePaper, _) => hahn(Rule::Paper),
+        (Method::Hahn, Window::Fixed { x, y }, _) => Ok(WindowInUse::Hahn { x, y }),
+        (Method::Krawtchouk, _, KrawtchoukP::Fixed(p)) => Ok(WindowInUse::Krawtchouk { p }),
+        (Method::Krawtchouk, _, KrawtchoukP::Adaptive) => {
+            krawtchouk_p(law.lattice, current, desired).map(|p| WindowInUse::Krawtchouk { p })
+        }
+        (Method::Tchebichef | Method::Cosine, ..) => Ok(WindowInUse::Whole),
+    }
+}
+
+/// The rows along `[u, v]` that a window stands for.
+fn polynomials(law: &Law, window: WindowInUse) -> [Polynomial; 2] {
+    match window {
+        WindowInUse::Hahn { x, y } => [x, y].map(|[a, b]| Polynomial::Hahn { a, b }),
+        WindowInUse::Krawtchouk { p } => p.map(|p| Polynomial::Krawtchouk {
+            p,
+            lattice: law.lattice,
+        }),
+        WindowInUse::Whole if law.method == Method::Cosine => [Polynomial::Cosine; 2],
+        WindowInUse::Whole => [Polynomial::Tchebichef; 2],
+    }
+}
+
+fn check_view<T: Sample>(view: View<'_, T>, expected: [usize; 2]) -> Result<(), ServoError> {
+    check_size(view.image, expected)?;
+    match view.depth {
+        Depth::Constant { depth_m } if *depth_m > 0.0 && depth_m.is_finite() => Ok(()),
+        Depth::Constant { depth_m } => Err(ServoError::DepthNotPositive { depth_m: *depth_m }),
+        Depth::Map(map) if map.inverse_per_m().size() == expected => Ok(()),
+        Depth::Map(map) => Err(ServoError::DepthSize {
+            expected,
+            got: map.inverse_per_m().size(),
+        }),
+    }
+}
+
+fn check_size<T: Sample>(image: &Plane<T>, expected: [usize; 2]) -> Result<(), ServoError> {
+    let got = image.size();
+    if got == expected {
+        Ok(())
+    } else {
+        Err(ServoError::ImageSize { expected, got })
+    }
+}
+
+/// Mean of `(I - I*)²` over the pixels: `ē_I` of Eq. (26).
+fn mean_square_difference<T: Sample>(
+    image: &Plane<T>,
+    desired: &Plane<T>,
+) -> Result<f64, ServoError> {
+    const STRANDS: usize = 8;
+    let mut strands = [0.0; STRANDS];
+    let [(image, image_rest), (desired, desired_rest)] =
+        [image, desired].map(|plane| plane.samples().as_chunks::<STRANDS>());
+    let square = |a: T, b: T| (a - b).to_f64() * (a - b).to_f64();
+    for (a, b) in image.iter().zip(desired) {
+        for i in 0..STRANDS {
+            strands[i] += square(a[i], b[i]);
+        }
+    }
+    let rest: f64 = image_rest
+        .iter()
+        .zip(desired_rest)
+        .map(|(a, b)| square(*a, *b))
+        .sum();
+    let count = (STRANDS * image.len() + image_rest.len()) as f64;
+    let mean = (strands.iter().sum::<f64>() + rest) / count;
+    if mean.is_finite() {
+        Ok(mean)
+    } else {
+        Err(ServoError::ImageNotFinite)
+    }
+}
