@@ -13,11 +13,18 @@ use tracing_subscriber::EnvFilter;
 #[command(name = "domvs", version, about, after_help = exit::HELP, max_term_width = 110)]
 struct Cli {
     /// When to use colours
-    #[arg(long, global = true, value_enum, value_name = "WHEN", default_value_t)]
+    #[arg(
+        long,
+        global = true,
+        help_heading = "General options",
+        value_enum,
+        value_name = "WHEN",
+        default_value_t
+    )]
     color: ColorWhen,
 
     /// Say more on standard error: -v progress, -vv details, -vvv everything (RUST_LOG overrides it)
-    #[arg(short, long, global = true, action = ArgAction::Count)]
+    #[arg(short, long, global = true, help_heading = "General options", action = ArgAction::Count)]
     verbose: u8,
 
     #[command(subcommand)]

@@ -61,6 +61,9 @@ impl ColorWhen {
     }
 }
 
+/// Terminals below this many columns get tables as wide as they need.
+const NARROWEST: u16 = 20;
+
 /// Whether one output stream gets colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Paint {
@@ -112,7 +115,10 @@ impl Paint {
     pub fn table(self, headings: &[&str]) -> Table {
         let mut table = Table::new();
         table.load_preset(comfy_table::presets::UTF8_HORIZONTAL_ONLY);
-        table.set_content_arrangement(ContentArrangement::Dynamic);
+        // Some pseudo terminals say that they have no columns at all; nothing can be fitted into that.
+        if table.width().is_none_or(|columns| columns >= NARROWEST) {
+            table.set_content_arrangement(ContentArrangement::Dynamic);
+        }
         if self.colored {
             table.enforce_styling();
         }

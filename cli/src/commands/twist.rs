@@ -103,12 +103,12 @@ pub struct TwistArgs {
 }
 
 const AFTER_HELP: &str = "\
-Unknown depths (0, negative or not finite) become the median of the known ones; more than half unknown is an error.
+Unknown depths (0, negative or not finite) become the median of the known ones; more than half unknown is an error. \
 A depth map given for one of the two images only is used for both.
 
-The JSON object has the keys twist (6), order, window, pixel_mse, feature_error_squared (e·e), features,
-condition_number and status: servoing, or rank_deficient with a twist of zeros. window is ax,bx,ay,by for Hahn,
-p_x,p_y for Krawtchouk and null for the others.
+The JSON object has the keys twist (6), order, window, pixel_mse, feature_error_squared (e·e), features, \
+condition_number and status: servoing, or rank_deficient with a twist of zeros. \
+window is ax,bx,ay,by for Hahn, p_x,p_y for Krawtchouk and null for the others.
 
 Exit codes: 0 there is an answer, 1 an error, 2 the command line was not understood.";
 
@@ -123,7 +123,7 @@ pub fn run(args: &TwistArgs, paint: Paint) -> anyhow::Result<ExitCode> {
     let text = if args.json {
         serde_json::to_string(&answer)?
     } else {
-        answer.text(args.method, &inputs, paint)
+        answer.text(args, &inputs, paint)
     };
     print_line(&text).context("cannot write the answer")?;
     Ok(exit::done())
@@ -131,7 +131,7 @@ pub fn run(args: &TwistArgs, paint: Paint) -> anyhow::Result<ExitCode> {
 
 fn solve(args: &TwistArgs, inputs: &Inputs) -> anyhow::Result<Step> {
     let mut servo = Servo::new(law(args)?, inputs.camera, inputs.desired.view())
-        .with_context(|| format!("{}", inputs.desired.name))?;
+        .with_context(|| inputs.desired.name.clone())?;
     if let Some(initial) = &inputs.initial {
         servo
             .set_initial(&initial.plane)

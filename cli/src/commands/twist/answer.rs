@@ -1,9 +1,10 @@
 //! What `domvs twist` says: one JSON object, or a small table.
 
-use comfy_table::{Cell, CellAlignment};
+use comfy_table::{Cell, CellAlignment, Table};
 use domvs_vision::{Step, WindowInUse};
 use serde::Serialize;
 
+use super::TwistArgs;
 use super::inputs::{Inputs, size};
 use crate::options::MethodOption;
 use crate::paint::Paint;
@@ -40,8 +41,52 @@ impl Answer {
         }
     }
 
-    /// The answer for people: what was read, the twist, what stands behind it.
-    pub fn text(&self, method: MethodOption, inputs: &Inputs, paint: Paint) -> String {
+    /// The answer for people: the twist, what stands behind it, what was read.
+    pub fn text(&self, args: &TwistArgs, inputs: &Inputs, paint: Paint) -> String {
+        let status = match self.status {
+            "servoing" => paint.good(self.status),
+            other => paint.bad(other),
+        };
+        let (method, window) = (args.method, self.window_text(args.method));
+        let mut lines = vec![
+            ("status", status),
+            (
+                "method",
+                format!(
+                    "{method}, order {}, {} features{window}",
+                    self.order, self.features
+                ),
+            ),
+            ("gain", format!("{} 1/s", args.gain)),
+            ("pixel error", format!("{:.6e}", self.pixel_mse)),
+            ("e·e", format!("{:.6}", self.feature_error_squared)),
+            ("condition of L", format!("{:.1}", self.condition_number)),
+        ];
+        for (role, seen) in [("desired", &inputs.desired), ("current", &inputs.current)] {
+            lines.push((
+                role,
+                format!(
+                    "{}, {}; depth {}",
+                    seen.name,
+                    size(&seen.plane),
+                    seen.depth_note
+                ),
+            ));
+        }
+        lines.extend(
+            inputs
+                .initial
+                .iter()
+                .map(|initial| ("initial", initial.name.clone())),
+        );
+        let lines: Vec<String> = lines
+            .iter()
+            .map(|(name, value)| format!("{name:<16} {value}"))
+            .collect();
+        format!("{}\n{}", self.table(paint), lines.join("\n"))
+    }
+
+    fn table(&self, paint: Paint) -> Table {
         let [vx, vy, vz, wx, wy, wz] = self.twist;
         let mut table = paint.table(&["camera twist", "x right", "y down", "z forward", "unit"]);
         for (name, values, unit) in [
@@ -49,44 +94,13 @@ impl Answer {
             ("angular", [wx, wy, wz], "rad/s"),
         ] {
             let mut cells = vec![Cell::new(name)];
-            cells.extend(
-                values.map(|value| {
-                    Cell::new(format!("{value:.6}")).set_alignment(CellAlignment::Right)
-                }),
-            );
+            let right =
+                |value| Cell::new(format!("{value:.6}")).set_alignment(CellAlignment::Right);
+            cells.extend(values.map(right));
             cells.push(Cell::new(unit));
             table.add_row(cells);
         }
-        let status = if self.status == "servoing" {
-            paint.good(self.status)
-        } else {
-            paint.bad(self.status)
-        };
-        let mut lines = vec![
-            format!("{:<16} {}", "status", status),
-            format!(
-                "{:<16} {method}, order {}, {} features{}",
-                "method",
-                self.order,
-                self.features,
-                self.window_text(method)
-            ),
-            format!("{:<16} {:.6e}", "pixel error", self.pixel_mse),
-            format!("{:<16} {:.6}", "e·e", self.feature_error_squared),
-            format!("{:<16} {:.1}", "condition of L", self.condition_number),
-        ];
-        for (role, seen) in [("desired", &inputs.desired), ("current", &inputs.current)] {
-            lines.push(format!(
-                "{role:<16} {}, {}; depth {}",
-                seen.name,
-                size(&seen.plane),
-                seen.depth_note
-            ));
-        }
-        if let Some(initial) = &inputs.initial {
-            lines.push(format!("{:<16} {}", "initial", initial.name));
-        }
-        format!("{table}\n{}", lines.join("\n"))
+        table
     }
 
     fn window_text(&self, method: MethodOption) -> String {
