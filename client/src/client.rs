@@ -1,6 +1,5 @@
 //! A client: one Zenoh session, one name, one lease; it finds workers, makes tasks, lists them, and stops everything.
 
-use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -18,70 +17,10 @@ use crate::follow::{Commands, Epoch, Statuses};
 use crate::matching;
 use crate::task::{NewTask, Task};
 use crate::workers::{self, ListedTask};
-use crate::{ClientError, zenoh_config};
+use crate::{ClientError, ClientOptions};
 
 /// The pause before an unsuccessful connection is tried again.
 const CONNECT_PAUSE: Duration = Duration::from_millis(100);
-
-/// Who a client is and how long it waits.
-#[derive(Clone)]
-pub struct ClientOptions {
-    /// The first part of every key; `domvs` unless a deployment says otherwise.
-    pub prefix: String,
-    /// The client's name. Two clients of one name share a lease: give each its own.
-    pub name: Name,
-    /// How to reach the others; see [`zenoh_config`].
-    pub zenoh: zenoh::Config,
-    /// How long [`Client::connect`] tries. Default 5 s.
-    pub connect_limit: Duration,
-    /// How long a worker is looked for. Default 2 s.
-    pub discovery_limit: Duration,
-    /// How long `create`, target, settings and control may take. Default 2 s: a worker prepares its buffers for a target.
-    pub request_timeout: Duration,
-    /// How long one twist may take; sent to the worker as the deadline. Default 500 ms.
-    pub twist_timeout: Duration,
-}
-
-impl ClientOptions {
-    /// The defaults, under this name, with a router or worker on this machine.
-    ///
-    /// # Errors
-    /// [`ClientError::Key`] when the name is not made of 1 to 64 letters, digits, `_` and `-`.
-    pub fn named(name: &str) -> Result<ClientOptions, ClientError> {
-        let zenoh = zenoh_config(None, &[])?;
-        Ok(ClientOptions {
-            prefix: Keys::default().prefix().to_owned(),
-            name: Name::try_from(name)?,
-            zenoh,
-            connect_limit: Duration::from_secs(5),
-            discovery_limit: Duration::from_secs(2),
-            request_timeout: Duration::from_secs(2),
-            twist_timeout: Duration::from_millis(500),
-        })
-    }
-
-    /// The same, with a router or worker at this endpoint, like `tcp/192.168.1.5:7447`.
-    ///
-    /// # Errors
-    /// [`ClientError::Config`] when it is not an endpoint.
-    pub fn at(self, endpoint: &str) -> Result<ClientOptions, ClientError> {
-        Ok(ClientOptions { zenoh: zenoh_config(None, &[endpoint.to_owned()])?, ..self })
-    }
-}
-
-impl fmt::Debug for ClientOptions {
-    /// Leaves the Zenoh settings out: they may hold passwords.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ClientOptions")
-            .field("prefix", &self.prefix)
-            .field("name", &self.name)
-            .field("connect_limit", &self.connect_limit)
-            .field("discovery_limit", &self.discovery_limit)
-            .field("request_timeout", &self.request_timeout)
-            .field("twist_timeout", &self.twist_timeout)
-            .finish_non_exhaustive()
-    }
-}
 
 /// A connected client; clones share the session and the lease.
 ///
@@ -115,7 +54,10 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError::Session`] when the session is closed; [`ClientError::Key`] when the prefix is none.
-    pub async fn with_session(session: Session, options: ClientOptions) -> Result<Client, ClientError> {
+    pub async fn with_session(
+        session: Session,
+        options: ClientOptions,
+    ) -> Result<Client, ClientError> {
         let keys = Keys::new(&options.prefix)?;
         let key = keys.client_alive(&options.name);
         let alive = session
@@ -123,7 +65,14 @@ impl Client {
             .declare_token(key.clone())
             .await
             .map_err(ClientError::session("declaring the lease", &key))?;
-        Ok(Client { shared: Arc::new(Shared { session, keys, options, _alive: alive }) })
+        Ok(Client {
+            shared: Arc::new(Shared {
+                session,
+                keys,
+                options,
+                _alive: alive,
+            }),
+        })
     }
 
     /// The name under which this client's tasks stand.
@@ -141,7 +90,12 @@ impl Client {
     /// # Errors
     /// [`ClientError::NoWorker`] when none does within `discovery_limit`.
     pub async fn list_workers(&self) -> Result<Vec<WorkerInfo>, ClientError> {
-        let Shared { session, keys, options, .. } = &*self.shared;
+        let Shared {
+            session,
+            keys,
+            options,
+            ..
+        } = &*self.shared;
         workers::workers(session, keys, options.discovery_limit).await
     }
 
@@ -150,7 +104,12 @@ impl Client {
     /// # Errors
     /// [`ClientError::Session`] when the session is closed.
     pub async fn list_tasks(&self) -> Result<Vec<ListedTask>, ClientError> {
-        let Shared { session, keys, options, .. } = &*self.shared;
+        let Shared {
+            session,
+            keys,
+            options,
+            ..
+        } = &*self.shared;
         workers::tasks(session, keys, options.request_timeout).await
     }
 
@@ -170,20 +129,42 @@ impl Client {
                 made_or_refused => return made_or_refused,
             }
         }
-        Err(last.expect("the list of workers is never empty, and the loop ends early unless a worker failed"))
+        Err(last.expect(
+            "the list of workers is never empty, and the loop ends early unless a worker failed",
+        ))
     }
 
     /// Makes a task on this worker.
     ///
     /// # Errors
     /// [`ClientError::Settings`] before anything is sent, [`ClientError::Refused`], [`ClientError::NoAnswer`].
-    pub async fn create_task_on(&self, worker: &Name, settings: &TaskSettings) -> Result<Task, ClientError> {
+    pub async fn create_task_on(
+        &self,
+        worker: &Name,
+        settings: &TaskSettings,
+    ) -> Result<Task, ClientError> {
         settings.validate()?;
-        let Shared { session, keys, options, .. } = &*self.shared;
+        let Shared {
+            session,
+            keys,
+            options,
+            ..
+        } = &*self.shared;
         let key = keys.create(worker, &options.name);
         let request = Request::json(session, key, settings, options.request_timeout);
-        let CreateReply { task, epoch, secret, .. } = request.ask_json().await?;
-        Task::open(NewTask { shared: self.shared.clone(), key: task, epoch, secret: Some(secret) }).await
+        let CreateReply {
+            task,
+            epoch,
+            secret,
+            ..
+        } = request.ask_json().await?;
+        Task::open(NewTask {
+            shared: self.shared.clone(),
+            key: task,
+            epoch,
+            secret: Some(secret),
+        })
+        .await
     }
 
     /// A handle on a task that exists, from another terminal. Without its secret only reading works.
@@ -191,14 +172,30 @@ impl Client {
     /// # Errors
     /// [`ClientError::NoTask`] when it has no owner.
     pub async fn attach(&self, task: TaskKey, secret: Option<Secret>) -> Result<Task, ClientError> {
-        let Shared { session, keys, options, .. } = &*self.shared;
+        let Shared {
+            session,
+            keys,
+            options,
+            ..
+        } = &*self.shared;
         let deadline = Instant::now() + options.discovery_limit;
         loop {
-            if let Some(owner) = workers::owner_of(session, keys, &task, options.request_timeout).await? {
-                return Task::open(NewTask { shared: self.shared.clone(), key: task, epoch: owner.epoch, secret }).await;
+            if let Some(owner) =
+                workers::owner_of(session, keys, &task, options.request_timeout).await?
+            {
+                return Task::open(NewTask {
+                    shared: self.shared.clone(),
+                    key: task,
+                    epoch: owner.epoch,
+                    secret,
+                })
+                .await;
             }
             if Instant::now() + CONNECT_PAUSE >= deadline {
-                return Err(ClientError::NoTask { key: keys.owners_of(&task), task });
+                return Err(ClientError::NoTask {
+                    key: keys.owners_of(&task),
+                    task,
+                });
             }
             sleep(CONNECT_PAUSE).await;
         }
@@ -209,7 +206,12 @@ impl Client {
     /// # Errors
     /// [`ClientError::Session`] when the session is closed.
     pub async fn commands(&self, task: &TaskKey) -> Result<Commands, ClientError> {
-        Commands::follow(&self.shared.session, self.shared.keys.command(task), Epoch::default()).await
+        Commands::follow(
+            &self.shared.session,
+            self.shared.keys.command(task),
+            Epoch::default(),
+        )
+        .await
     }
 
     /// What a task says about itself; needs no secret.
@@ -217,7 +219,12 @@ impl Client {
     /// # Errors
     /// [`ClientError::Session`] when the session is closed.
     pub async fn statuses(&self, task: &TaskKey) -> Result<Statuses, ClientError> {
-        Statuses::follow(&self.shared.session, self.shared.keys.status(task), Some(Epoch::default())).await
+        Statuses::follow(
+            &self.shared.session,
+            self.shared.keys.status(task),
+            Some(Epoch::default()),
+        )
+        .await
     }
 
     /// Stops everything: every task latches `stopped`, every arm brakes. Sent even when no listener is known.
@@ -225,7 +232,12 @@ impl Client {
     /// # Errors
     /// [`ClientError::NobodyListens`] when it was sent, but no listener showed up within `discovery_limit`.
     pub async fn stop_all(&self) -> Result<(), ClientError> {
-        let Shared { session, keys, options, .. } = &*self.shared;
+        let Shared {
+            session,
+            keys,
+            options,
+            ..
+        } = &*self.shared;
         let key = keys.stop();
         let publisher = session
             .declare_publisher(key.clone())
@@ -234,12 +246,21 @@ impl Client {
             .express(true)
             .await
             .map_err(ClientError::session("stopping", &key))?;
-        publisher.put("stop").await.map_err(ClientError::session("stopping", &key))?;
+        publisher
+            .put("stop")
+            .await
+            .map_err(ClientError::session("stopping", &key))?;
         if !matching::has_subscriber(&publisher, options.discovery_limit).await? {
-            return Err(ClientError::NobodyListens { key, waited: options.discovery_limit });
+            return Err(ClientError::NobodyListens {
+                key,
+                waited: options.discovery_limit,
+            });
         }
         // The first may have been sent before the listener was known.
-        publisher.put("stop").await.map_err(ClientError::session("stopping", &key))
+        publisher
+            .put("stop")
+            .await
+            .map_err(ClientError::session("stopping", &key))
     }
 
     /// Ends the lease and the session now, for all clones and tasks; tasks that were not closed are halted by the service.
@@ -248,14 +269,21 @@ impl Client {
     /// [`ClientError::Session`] when the session did not close in order.
     pub async fn close(self) -> Result<(), ClientError> {
         let key = self.shared.keys.client_alive(self.name());
-        self.shared.session.close().await.map_err(ClientError::session("closing", &key))
+        self.shared
+            .session
+            .close()
+            .await
+            .map_err(ClientError::session("closing", &key))
     }
 }
 
 /// Another worker may be better when this one is full, gone or on its way out.
 fn is_worth_another_worker(error: &ClientError) -> bool {
     match error {
-        ClientError::Refused { code, .. } => matches!(code, ErrorCode::Quota | ErrorCode::Closed | ErrorCode::NotOwner),
+        ClientError::Refused { code, .. } => matches!(
+            code,
+            ErrorCode::Quota | ErrorCode::Closed | ErrorCode::NotOwner
+        ),
         error => error.is_silence(),
     }
 }
@@ -264,14 +292,19 @@ fn is_worth_another_worker(error: &ClientError) -> bool {
 async fn open(options: &ClientOptions) -> Result<Session, ClientError> {
     let deadline = Instant::now() + options.connect_limit;
     let failed = |error: String| ClientError::Connect {
-        endpoints: options.zenoh.get_json("connect/endpoints").unwrap_or_default(),
+        endpoints: options
+            .zenoh
+            .get_json("connect/endpoints")
+            .unwrap_or_default(),
         waited: options.connect_limit,
         error,
     };
     loop {
         match timeout_at(deadline, zenoh::open(options.zenoh.clone())).await {
             Ok(Ok(session)) => return Ok(session),
-            Ok(Err(error)) if Instant::now() + CONNECT_PAUSE >= deadline => return Err(failed(error.to_string())),
+            Ok(Err(error)) if Instant::now() + CONNECT_PAUSE >= deadline => {
+                return Err(failed(error.to_string()));
+            }
             Ok(Err(error)) => tracing::debug!(%error, "not connected yet"),
             Err(_late) => return Err(failed("Zenoh is still trying".to_owned())),
         }

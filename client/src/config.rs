@@ -29,7 +29,10 @@ const FRAGMENT_WAIT_US: u64 = 200_000;
 pub fn zenoh_config(file: Option<&Path>, endpoints: &[String]) -> Result<Config, ClientError> {
     match file {
         Some(file) => {
-            let mut config = Config::from_file(file).map_err(|error| ClientError::Config { what: file.display().to_string(), error: error.to_string() })?;
+            let mut config = Config::from_file(file).map_err(|error| ClientError::Config {
+                what: file.display().to_string(),
+                error: error.to_string(),
+            })?;
             if !endpoints.is_empty() {
                 insert(&mut config, "connect/endpoints", json!(endpoints))?;
             }
@@ -47,13 +50,22 @@ fn built_in(endpoints: &[String]) -> Result<Config, ClientError> {
     insert(&mut config, "scouting/multicast/enabled", json!(false))?;
     insert(&mut config, "scouting/gossip/enabled", json!(false))?;
     insert(&mut config, "transport/link/tx/lease", json!(LEASE_MS))?;
-    insert(&mut config, "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments", json!(FRAGMENT_WAIT_US))?;
+    insert(
+        &mut config,
+        "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments",
+        json!(FRAGMENT_WAIT_US),
+    )?;
     Ok(config)
 }
 
 fn insert(config: &mut Config, key: &str, value: Value) -> Result<(), ClientError> {
     let value = value.to_string();
-    config.insert_json5(key, &value).map_err(|error| ClientError::Config { what: format!("{key} = {value}"), error: error.to_string() })
+    config
+        .insert_json5(key, &value)
+        .map_err(|error| ClientError::Config {
+            what: format!("{key} = {value}"),
+            error: error.to_string(),
+        })
 }
 
 #[cfg(test)]
@@ -61,13 +73,17 @@ mod tests {
     use super::*;
 
     fn setting(config: &Config, key: &str) -> Value {
-        serde_json::from_str(&config.get_json(key).expect("the key exists")).expect("settings are JSON")
+        serde_json::from_str(&config.get_json(key).expect("the key exists"))
+            .expect("settings are JSON")
     }
 
     #[test]
     fn without_a_file_only_the_named_endpoints_are_contacted() {
         let config = zenoh_config(None, &["tcp/127.0.0.1:9".into()]).expect("valid");
-        assert_eq!(setting(&config, "connect/endpoints"), json!(["tcp/127.0.0.1:9"]));
+        assert_eq!(
+            setting(&config, "connect/endpoints"),
+            json!(["tcp/127.0.0.1:9"])
+        );
         assert_eq!(setting(&config, "mode"), json!("client"));
         assert_eq!(setting(&config, "scouting/multicast/enabled"), json!(false));
         assert_eq!(setting(&config, "transport/link/tx/lease"), json!(LEASE_MS));
@@ -76,7 +92,10 @@ mod tests {
     #[test]
     fn without_anything_the_local_router_is_meant() {
         let config = zenoh_config(None, &[]).expect("valid");
-        assert_eq!(setting(&config, "connect/endpoints"), json!([DEFAULT_ENDPOINT]));
+        assert_eq!(
+            setting(&config, "connect/endpoints"),
+            json!([DEFAULT_ENDPOINT])
+        );
     }
 
     #[test]

@@ -34,7 +34,9 @@ pub enum ClientError {
     #[error(transparent)]
     Key(#[from] KeyError),
     /// Nobody offers to take a task.
-    #[error("no worker answered on {key} within {waited:?}; start one with `domvs serve` on the same network and prefix")]
+    #[error(
+        "no worker answered on {key} within {waited:?}; start one with `domvs serve` on the same network and prefix"
+    )]
     NoWorker {
         /// The key that was asked.
         key: String,
@@ -42,7 +44,9 @@ pub enum ClientError {
         waited: Duration,
     },
     /// No task of that name has an owner.
-    #[error("task {task} has no owner on {key}; it was closed or never made: create it, or look at `domvs task list`")]
+    #[error(
+        "task {task} has no owner on {key}; it was closed or never made: create it, or look at `domvs task list`"
+    )]
     NoTask {
         /// The task that was looked for.
         task: TaskKey,
@@ -70,7 +74,9 @@ pub enum ClientError {
         reason: Silence,
     },
     /// Several answers in a row were missing, and the token of the task's owner is gone.
-    #[error("the owner of task {task} is gone after {misses} missing answers; wait for a standby, or create the task again")]
+    #[error(
+        "the owner of task {task} is gone after {misses} missing answers; wait for a standby, or create the task again"
+    )]
     OwnerLost {
         /// The task.
         task: TaskKey,
@@ -88,7 +94,9 @@ pub enum ClientError {
         got: u32,
     },
     /// The twist belongs to another frame.
-    #[error("a twist on {key} is for frame {got}, expected {expected}: dropped; give every frame its own sequence number")]
+    #[error(
+        "a twist on {key} is for frame {got}, expected {expected}: dropped; give every frame its own sequence number"
+    )]
     WrongSequence {
         /// The key that was asked.
         key: String,
@@ -98,7 +106,9 @@ pub enum ClientError {
         got: u64,
     },
     /// An answer that wire version 1 does not know.
-    #[error("unreadable answer on {key}: {reason}; compare the versions with `domvs --version` on both sides")]
+    #[error(
+        "unreadable answer on {key}: {reason}; compare the versions with `domvs --version` on both sides"
+    )]
     BadAnswer {
         /// The key that was asked.
         key: String,
@@ -112,7 +122,9 @@ pub enum ClientError {
     #[error("these settings cannot be sent: {0}")]
     Settings(#[from] domvs_proto::settings::SettingsError),
     /// A stop was sent, but nobody is listening for it as far as this session knows.
-    #[error("stop was sent on {key}, but nobody listens there within {waited:?}; look at the endpoint, the prefix and the arm itself")]
+    #[error(
+        "stop was sent on {key}, but nobody listens there within {waited:?}; look at the endpoint, the prefix and the arm itself"
+    )]
     NobodyListens {
         /// The key it was sent on.
         key: String,
@@ -152,14 +164,27 @@ impl std::fmt::Display for Silence {
 impl ClientError {
     /// Whether this is an answer that did not come, rather than one that says no.
     pub fn is_silence(&self) -> bool {
-        matches!(self, ClientError::NoAnswer { .. } | ClientError::OwnerLost { .. })
+        matches!(
+            self,
+            ClientError::NoAnswer { .. } | ClientError::OwnerLost { .. }
+        )
     }
 
-    pub(crate) fn session(doing: &'static str, key: &str) -> impl FnOnce(zenoh::Error) -> ClientError {
-        move |error| ClientError::Session { doing, key: key.to_owned(), error: error.to_string() }
+    pub(crate) fn session(
+        doing: &'static str,
+        key: &str,
+    ) -> impl FnOnce(zenoh::Error) -> ClientError {
+        move |error| ClientError::Session {
+            doing,
+            key: key.to_owned(),
+            error: error.to_string(),
+        }
     }
 
     pub(crate) fn bad_answer(key: &str) -> impl FnOnce(&dyn std::error::Error) -> ClientError {
-        move |error| ClientError::BadAnswer { key: key.to_owned(), reason: error.to_string() }
+        move |error| ClientError::BadAnswer {
+            key: key.to_owned(),
+            reason: error.to_string(),
+        }
     }
 }

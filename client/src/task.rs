@@ -2,31 +2,27 @@
 //!
 //! Every call has a limit, and no call repeats an old twist: what does not come in time is an error, and an error means brake.
 
+mod asking;
+
 use std::fmt;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Duration;
+use std::sync::atomic::AtomicU32;
 
 use domvs_proto::frame::Secret;
 use domvs_proto::keys::TaskKey;
 use domvs_proto::messages::{Control, ControlReply, TaskState};
 use domvs_proto::settings::TaskSettings;
 use domvs_proto::status::Status;
-use domvs_proto::twist::TwistMessage;
 use serde_json::Value;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, Querier, QueryTarget};
 
-use crate::answer::{Request, few_answers, first_good};
+use crate::answer::Request;
 use crate::client::Shared;
 use crate::follow::{Commands, Epoch, Statuses};
 use crate::frame::{OutgoingFrame, ReceivedFrame};
-use crate::workers::owner_of;
 use crate::{ClientError, matching};
-
-/// Missing answers in a row after which the owner is looked for.
-const MISSES: u32 = 3;
 
 /// What a handle is made of.
 pub(crate) struct NewTask {
@@ -53,14 +49,22 @@ pub struct Task {
 
 impl fmt::Debug for Task {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Task").field("key", &self.key).field("epoch", &self.epoch.get()).finish_non_exhaustive()
+        f.debug_struct("Task")
+            .field("key", &self.key)
+            .field("epoch", &self.epoch.get())
+            .finish_non_exhaustive()
     }
 }
 
 impl Task {
     /// Declares what is used for every frame, and waits (within the request timeout) until the owner's side is known.
     pub(crate) async fn open(new: NewTask) -> Result<Task, ClientError> {
-        let NewTask { shared, key, epoch, secret } = new;
+        let NewTask {
+            shared,
+            key,
+            epoch,
+            secret,
+        } = new;
         let (twist, frame) = (shared.keys.twist(&key), shared.keys.frame(&key));
         let asker = shared
             .session
@@ -81,7 +85,15 @@ impl Task {
         if !matching::has_queryable(&asker, shared.options.request_timeout).await? {
             tracing::warn!(key = %twist, "nobody answers here yet");
         }
-        Ok(Task { shared, key, secret, epoch: Epoch::new(epoch), misses: AtomicU32::new(0), asker, pusher })
+        Ok(Task {
+            shared,
+            key,
+            secret,
+            epoch: Epoch::new(epoch),
+            misses: AtomicU32::new(0),
+            asker,
+            pusher,
+        })
     }
 
     /// Which task.
@@ -166,7 +178,8 @@ impl Task {
     /// # Errors
     /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
     pub async fn settings(&self) -> Result<TaskSettings, ClientError> {
-        self.ask_settings(self.empty_request(self.shared.keys.settings(&self.key))).await
+        self.ask_settings(self.empty_request(self.shared.keys.settings(&self.key)))
+            .await
     }
 
     /// Changes settings by a JSON merge patch (RFC 7396; null = the default). Gives those in force afterwards.
@@ -174,7 +187,8 @@ impl Task {
     /// # Errors
     /// [`ClientError::Refused`] with the setting and its range, [`ClientError::NoAnswer`].
     pub async fn change_settings(&self, patch: &Value) -> Result<TaskSettings, ClientError> {
-        self.ask_settings(self.json_request(self.shared.keys.settings(&self.key), patch)).await
+        self.ask_settings(self.json_request(self.shared.keys.settings(&self.key), patch))
+            .await
     }
 
     /// What a standby would need: owner, settings, which target, how far it got.
@@ -182,74 +196,17 @@ impl Task {
     /// # Errors
     /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
     pub async fn state(&self) -> Result<TaskState, ClientError> {
-        let state: TaskState = self.empty_request(self.shared.keys.state(&self.key)).ask_json().await?;
+        let state: TaskState = self
+            .empty_request(self.shared.keys.state(&self.key))
+            .ask_json()
+            .await?;
         match self.epoch.admit(state.epoch) {
             Ok(()) => Ok(state),
-            Err(newest) => Err(Task::older_epoch(&self.shared.keys.state(&self.key), newest, state.epoch)),
-        }
-    }
-
-    /// The twist for this frame, or why there is none; in that case do not move. The next frame asks anew.
-    ///
-    /// # Errors
-    /// [`ClientError::NoAnswer`] for silence; [`ClientError::OwnerLost`] when after three silences in a row nobody owns the task;
-    /// [`ClientError::OlderEpoch`] and [`ClientError::WrongSequence`] for twists that must not be obeyed; [`ClientError::Refused`].
-    pub async fn twist(&self, frame: &OutgoingFrame) -> Result<TwistMessage, ClientError> {
-        match self.ask_twist(frame).await {
-            Err(error) if error.is_silence() => Err(self.count_miss().await.err().unwrap_or(error)),
-            answered => {
-                self.misses.store(0, Ordering::Relaxed);
-                answered
-            }
-        }
-    }
-
-    async fn ask_twist(&self, frame: &OutgoingFrame) -> Result<TwistMessage, ClientError> {
-        let (key, limit) = (self.asker.key_expr().as_str(), self.shared.options.twist_timeout);
-        let (callback, answers) = few_answers();
-        self.asker
-            .get()
-            .payload(frame.payload().clone())
-            .encoding(frame.encoding().clone())
-            .attachment(frame.attachment(self.secret.as_ref(), microseconds(limit)))
-            .callback(callback)
-            .await
-            .map_err(ClientError::session("asking for a twist", key))?;
-        let answer = first_good(answers, key, limit).await?;
-        let twist = TwistMessage::decode(&answer.payload().to_bytes())
-            .map_err(|error| ClientError::bad_answer(key)(&error))?;
-        self.check_twist(key, twist, frame.header().sequence)
-    }
-
-    /// Only the newest owner's twist for this very frame may be obeyed.
-    fn check_twist(&self, key: &str, twist: TwistMessage, expected: u64) -> Result<TwistMessage, ClientError> {
-        self.epoch
-            .admit(twist.epoch)
-            .map_err(|newest| Task::older_epoch(key, newest, twist.epoch))?;
-        // Zeros for a frame whose header nobody could read have no sequence to echo.
-        let unread = twist.sequence == 0 && !twist.is_servoing();
-        if twist.sequence != expected && !unread {
-            return Err(ClientError::WrongSequence { key: key.to_owned(), expected, got: twist.sequence });
-        }
-        Ok(twist)
-    }
-
-    /// Counts one silence; after three in a row looks whether anybody owns the task, and takes over a newer epoch.
-    async fn count_miss(&self) -> Result<(), ClientError> {
-        let misses = self.misses.fetch_add(1, Ordering::Relaxed) + 1;
-        if misses < MISSES {
-            return Ok(());
-        }
-        let Shared { session, keys, options, .. } = &*self.shared;
-        match owner_of(session, keys, &self.key, options.twist_timeout).await? {
-            Some(owner) => {
-                self.misses.store(0, Ordering::Relaxed);
-                if self.epoch.admit(owner.epoch).is_ok() {
-                    tracing::info!(task = %self.key, worker = %owner.worker, epoch = owner.epoch, "the task has an owner");
-                }
-                Ok(())
-            }
-            None => Err(ClientError::OwnerLost { task: self.key.clone(), misses }),
+            Err(newest) => Err(Task::older_epoch(
+                &self.shared.keys.state(&self.key),
+                newest,
+                state.epoch,
+            )),
         }
     }
 
@@ -264,7 +221,10 @@ impl Task {
             // Everybody may read this key, so the secret stays out.
             .attachment(frame.attachment(None, 0))
             .await
-            .map_err(ClientError::session("pushing a frame", self.pusher.key_expr().as_str()))
+            .map_err(ClientError::session(
+                "pushing a frame",
+                self.pusher.key_expr().as_str(),
+            ))
     }
 
     /// The twists for pushed frames.
@@ -272,7 +232,12 @@ impl Task {
     /// # Errors
     /// [`ClientError::Session`] when the session is closed.
     pub async fn commands(&self) -> Result<Commands, ClientError> {
-        Commands::follow(&self.shared.session, self.shared.keys.command(&self.key), self.epoch.clone()).await
+        Commands::follow(
+            &self.shared.session,
+            self.shared.keys.command(&self.key),
+            self.epoch.clone(),
+        )
+        .await
     }
 
     /// What the task says about itself: on every change, and twice a second.
@@ -285,12 +250,17 @@ impl Task {
     }
 
     fn older_epoch(key: &str, expected: u32, got: u32) -> ClientError {
-        ClientError::OlderEpoch { key: key.to_owned(), expected, got }
+        ClientError::OlderEpoch {
+            key: key.to_owned(),
+            expected,
+            got,
+        }
     }
 
     async fn ask_settings(&self, request: Request<'_>) -> Result<TaskSettings, ClientError> {
         let settings: Value = request.ask_json().await?;
-        TaskSettings::from_json(&settings).map_err(|error| ClientError::bad_answer(&request.key)(&error))
+        TaskSettings::from_json(&settings)
+            .map_err(|error| ClientError::bad_answer(&request.key)(&error))
     }
 
     async fn control(&self, control: Control) -> Result<Status, ClientError> {
@@ -300,20 +270,27 @@ impl Task {
     }
 
     fn empty_request(&self, key: String) -> Request<'_> {
-        self.with_secret(Request::empty(&self.shared.session, key, self.shared.options.request_timeout))
+        self.with_secret(Request::empty(
+            &self.shared.session,
+            key,
+            self.shared.options.request_timeout,
+        ))
     }
 
     fn json_request(&self, key: String, message: &impl serde::Serialize) -> Request<'_> {
-        self.with_secret(Request::json(&self.shared.session, key, message, self.shared.options.request_timeout))
+        self.with_secret(Request::json(
+            &self.shared.session,
+            key,
+            message,
+            self.shared.options.request_timeout,
+        ))
     }
 
     fn with_secret<'a>(&self, request: Request<'a>) -> Request<'a> {
         let attachment = self.secret.as_ref().map(|secret| secret.as_bytes().into());
-        Request { attachment, ..request }
+        Request {
+            attachment,
+            ..request
+        }
     }
-}
-
-/// Saturates at over an hour.
-fn microseconds(duration: Duration) -> u32 {
-    u32::try_from(duration.as_micros()).unwrap_or(u32::MAX)
 }
