@@ -9,7 +9,6 @@ mod schedule;
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Instant;
 
 use domvs_proto::body::{self, JSON};
 use domvs_proto::frame::RAW;
@@ -98,11 +97,17 @@ impl CameraNode {
         let (truth_sender, truth) = watch::channel(first.clone());
         let outputs = Outputs {
             frames: declare_frames(&session, &keys, &settings).await?,
-            info: session.declare_publisher(keys.camera_info(&settings.name)).encoding(JSON).await?,
+            info: session
+                .declare_publisher(keys.camera_info(&settings.name))
+                .encoding(JSON)
+                .await?,
             info_json: body::write(&settings.info()?),
             truth: truth_sender,
         };
-        let alive = session.liveliness().declare_token(keys.camera_alive(&settings.name)).await?;
+        let alive = session
+            .liveliness()
+            .declare_token(keys.camera_alive(&settings.name))
+            .await?;
         let name = format!("camera {}", settings.name);
         let flight_inbox = Arc::clone(&inbox);
         let thread = std::thread::Builder::new().name(name).spawn(move || {
@@ -132,7 +137,11 @@ impl CameraNode {
             None => Ok(Ok(())),
         };
         self.session.close().await?;
-        if matches!(landed, Ok(Ok(()))) { Ok(()) } else { Err(NodeError::Crashed) }
+        if matches!(landed, Ok(Ok(()))) {
+            Ok(())
+        } else {
+            Err(NodeError::Crashed)
+        }
     }
 }
 
@@ -160,14 +169,28 @@ async fn declare_frames(
     keys: &Keys,
     settings: &CameraSettings,
 ) -> zenoh::Result<zenoh::pubsub::Publisher<'static>> {
-    let key = settings.frame_key.clone().unwrap_or_else(|| keys.camera_frame(&settings.name));
-    session.declare_publisher(key).congestion_control(CongestionControl::Drop).encoding(RAW).await
+    let key = settings
+        .frame_key
+        .clone()
+        .unwrap_or_else(|| keys.camera_frame(&settings.name));
+    session
+        .declare_publisher(key)
+        .congestion_control(CongestionControl::Drop)
+        .encoding(RAW)
+        .await
 }
 
-async fn listen_to_stop(session: &Session, keys: &Keys, inbox: &Arc<Inbox>) -> zenoh::Result<Subscriber<()>> {
+async fn listen_to_stop(
+    session: &Session,
+    keys: &Keys,
+    inbox: &Arc<Inbox>,
+) -> zenoh::Result<Subscriber<()>> {
     let inbox = Arc::clone(inbox);
-    let leave = move |_: Sample| inbox.push(Event::StopAll, Instant::now());
-    session.declare_subscriber(keys.stop()).callback(leave).await
+    let leave = move |_: Sample| inbox.push(Event::StopAll);
+    session
+        .declare_subscriber(keys.stop())
+        .callback(leave)
+        .await
 }
 
 async fn listen_to_commands(
@@ -183,13 +206,18 @@ async fn listen_to_commands(
     };
     let (inbox, keys, follow) = (Arc::clone(inbox), keys.clone(), follow.clone());
     let leave = move |sample: Sample| {
-        let received = Instant::now();
-        let Some((task, _)) = keys.parse_task(sample.key_expr().as_str()) else { return };
+        let Some((task, _)) = keys.parse_task(sample.key_expr().as_str()) else {
+            return;
+        };
         if follow.includes(&task) {
             // The length first: a hostile payload is not worth a copy.
             let payload = sample.payload();
-            let bytes = if payload.len() == TWIST_BYTES { payload.to_bytes().as_ref().try_into().ok() } else { None };
-            inbox.push(Event::Command { task, bytes }, received);
+            let bytes = if payload.len() == TWIST_BYTES {
+                payload.to_bytes().as_ref().try_into().ok()
+            } else {
+                None
+            };
+            inbox.push(Event::Command { task, bytes });
         }
     };
     Ok(Some(session.declare_subscriber(key).callback(leave).await?))

@@ -1,5 +1,6 @@
 //! Everything a simulated camera is made of, with the defaults of the demonstration.
 
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use domvs_proto::keys::{Name, TaskKey};
@@ -15,8 +16,11 @@ use crate::photograph::Photograph;
 use crate::scene::{PlaneScene, SceneError};
 use crate::simulation::Simulation;
 
-/// Frames a second that a schedule in nanoseconds still keeps well.
-const FASTEST_HZ: f64 = 1000.0;
+/// Frames a second that a schedule in nanoseconds keeps well.
+const RATES_HZ: RangeInclusive<f64> = 0.01..=1000.0;
+
+/// Frames on their way at once, at most.
+const MOST_PERIODS_OF_LATENCY: u32 = 64;
 
 /// Whose commands a camera obeys.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,10 +49,20 @@ impl Follow {
 #[non_exhaustive]
 pub enum CameraSettingsError {
     /// The rate is not one that can be kept.
-    #[error("expected a rate above 0 and at most {FASTEST_HZ} Hz, got {rate_hz} Hz")]
+    #[error("expected a rate within {RATES_HZ:?} Hz, got {rate_hz} Hz")]
     Rate {
         /// The rate asked for.
         rate_hz: f64,
+    },
+    /// More frames would be on their way than anyone wants to keep.
+    #[error(
+        "expected a latency of at most {MOST_PERIODS_OF_LATENCY} frame periods, {at_most:?}, got {latency:?}"
+    )]
+    Latency {
+        /// The longest at this rate.
+        at_most: Duration,
+        /// The latency asked for.
+        latency: Duration,
     },
     /// The image has no pixels, or more than 65536 in a row or a column.
     #[error("expected an image between 1x1 and 65536x65536, got {width}x{height}")]
@@ -59,7 +73,9 @@ pub enum CameraSettingsError {
         height: usize,
     },
     /// A displacement or a disturbance is not finite, or the noise is negative.
-    #[error("expected finite numbers and noise of at least 0, got {displacement:?} and {disturbance:?}")]
+    #[error(
+        "expected finite numbers and noise of at least 0, got {displacement:?} and {disturbance:?}"
+    )]
     NotFinite {
         /// The displacement asked for.
         displacement: [f64; 6],
@@ -138,19 +154,39 @@ impl CameraSettings {
         if !possible.contains(&width) || !possible.contains(&height) {
             return Err(CameraSettingsError::Size { width, height });
         }
-        Ok(PinholeCamera::with_field_of_view(width, height, self.horizontal_fov_rad)?)
+        Ok(PinholeCamera::with_field_of_view(
+            width,
+            height,
+            self.horizontal_fov_rad,
+        )?)
     }
 
     /// The camera in front of its scene, in lock-step; fails when any setting is impossible.
     pub fn simulation(&self) -> Result<Simulation, CameraSettingsError> {
-        let Disturbance { noise_std, gain, offset, .. } = self.disturbance;
+        let Disturbance {
+            noise_std,
+            gain,
+            offset,
+            ..
+        } = self.disturbance;
         let (displacement, disturbance) = (self.displacement, self.disturbance);
-        let finite = displacement.iter().chain(&[noise_std, gain, offset]).all(|number| number.is_finite());
+        let finite = displacement
+            .iter()
+            .chain(&[noise_std, gain, offset])
+            .all(|number| number.is_finite());
         if !finite || noise_std < 0.0 {
-            return Err(CameraSettingsError::NotFinite { displacement, disturbance });
+            return Err(CameraSettingsError::NotFinite {
+                displacement,
+                disturbance,
+            });
         }
         let scene = PlaneScene::new(&self.photograph, self.photograph_width_m, self.distance_m)?;
-        Ok(Simulation::new(scene, self.camera()?, displacement, disturbance))
+        Ok(Simulation::new(
+            scene,
+            self.camera()?,
+            displacement,
+            disturbance,
+        ))
     }
 
     /// What the camera says of itself on the network; fails when the optics or the rate are impossible.
@@ -160,18 +196,31 @@ impl CameraSettings {
         let (width, height) = (self.width as u32, self.height as u32);
         Ok(CameraInfo {
             name: self.name.clone(),
-            camera: Camera { fx, fy, cx, cy, width, height, distortion: None },
+            camera: Camera {
+                fx,
+                fy,
+                cx,
+                cy,
+                width,
+                height,
+                distortion: None,
+            },
             frame_period_s: self.frame_period()?.as_secs_f64(),
             depth: self.depth != DepthPacking::None,
         })
     }
 
-    /// Time between two frames; fails when the rate is impossible.
+    /// Time between two frames; fails when the rate is impossible, or the latency is over 64 of these periods.
     pub fn frame_period(&self) -> Result<Duration, CameraSettingsError> {
-        let rate_hz = self.rate_hz;
-        if !(rate_hz > 0.0 && rate_hz <= FASTEST_HZ) {
+        let (rate_hz, latency) = (self.rate_hz, self.disturbance.latency);
+        if !RATES_HZ.contains(&rate_hz) {
             return Err(CameraSettingsError::Rate { rate_hz });
         }
-        Duration::try_from_secs_f64(1.0 / rate_hz).map_err(|_| CameraSettingsError::Rate { rate_hz })
+        let period = Duration::from_secs_f64(1.0 / rate_hz);
+        let at_most = period.saturating_mul(MOST_PERIODS_OF_LATENCY);
+        if latency > at_most {
+            return Err(CameraSettingsError::Latency { at_most, latency });
+        }
+        Ok(period)
     }
 }

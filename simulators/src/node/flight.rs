@@ -11,9 +11,9 @@ use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 
 use super::Truth;
-use super::inbox::{Event, Inbox};
+use super::inbox::{Event, Inbox, Taken};
 use super::schedule::Schedule;
-use crate::free_camera::{FreeCamera, Motion};
+use crate::free_camera::{BrakeReason, FreeCamera, Motion};
 use crate::motion;
 use crate::packet;
 use crate::scene::Rendering;
@@ -22,8 +22,6 @@ use crate::simulation::Simulation;
 
 /// How often the camera says what it is: a late listener waits no longer.
 const INFO_PERIOD: Duration = Duration::from_secs(1);
-/// Frames on their way at most: with more latency than this many periods, the oldest is lost.
-const IN_TRANSIT: usize = 64;
 
 /// Where a flight puts what it makes.
 pub(super) struct Outputs {
@@ -49,6 +47,7 @@ pub(super) struct Flight {
     schedule: Schedule,
     info_schedule: Schedule,
     rendering: Rendering,
+    /// As many frames as fit into the latency, which the settings bound.
     in_transit: VecDeque<Delayed>,
     outputs: Outputs,
     truth: Truth,
@@ -68,7 +67,9 @@ impl Flight {
             owner: None,
             schedule: Schedule::new(now, frame_period),
             info_schedule: Schedule::new(now, INFO_PERIOD),
-            rendering: simulation.scene.render(&simulation.camera, &simulation.pose),
+            rendering: simulation
+                .scene
+                .render(&simulation.camera, &simulation.pose),
             in_transit: VecDeque::new(),
             settings,
             simulation,
@@ -79,11 +80,10 @@ impl Flight {
 
     /// Flies until the inbox closes.
     pub(super) fn run(mut self, inbox: &Arc<Inbox>) {
-        while let Some(events) = inbox.take_until(self.next_due()) {
+        while let Some(Taken { events, now }) = inbox.take_until(self.next_due()) {
             for (received, event) in events {
                 self.hear(event, received);
             }
-            let now = Instant::now();
             self.camera.advance(now);
             if self.schedule.take(now) {
                 self.look(now);
@@ -96,7 +96,12 @@ impl Flight {
     }
 
     fn next_due(&self) -> Instant {
-        let frame = self.in_transit.front().map_or(self.schedule.due(), |front| front.due.min(self.schedule.due()));
+        let frame = self
+            .in_transit
+            .front()
+            .map_or(self.schedule.due(), |front| {
+                front.due.min(self.schedule.due())
+            });
         frame.min(self.info_schedule.due())
     }
 
@@ -109,11 +114,12 @@ impl Flight {
 
     fn command(&mut self, task: TaskKey, bytes: Option<[u8; TWIST_BYTES]>, received: Instant) {
         self.camera.advance(received);
-        let message = bytes.ok_or(None).and_then(|bytes| TwistMessage::decode(&bytes).map_err(Some));
+        let message = bytes
+            .ok_or(None)
+            .and_then(|bytes| TwistMessage::decode(&bytes).map_err(Some));
         if self.owner.as_ref() != Some(&task) {
-            // A camera in motion has an owner; one that stands goes to whoever asks it to move.
             let asks_to_move = message.as_ref().is_ok_and(TwistMessage::is_servoing);
-            if self.owner.is_some() && (self.camera.motion() == Motion::Moving || !asks_to_move) {
+            if self.owner.is_some() && !self.may_change_hands(asks_to_move) {
                 return;
             }
             tracing::info!(camera = %self.settings.name, task = %task, "follows a task");
@@ -136,6 +142,15 @@ impl Flight {
         }
     }
 
+    /// A camera in motion keeps its owner; one that stands goes to who asks it to move, and after a stop of
+    /// everything to who first shows that it has stopped.
+    fn may_change_hands(&self, asks_to_move: bool) -> bool {
+        match self.camera.motion() {
+            Motion::Moving => false,
+            Motion::Braked(reason) => asks_to_move || reason == BrakeReason::StopAll,
+        }
+    }
+
     fn refuse(&mut self, why: &dyn std::fmt::Display) {
         self.truth.refused += 1;
         tracing::warn!(camera = %self.settings.name, %why, "a command is refused");
@@ -145,24 +160,47 @@ impl Flight {
     fn look(&mut self, now: Instant) {
         let pose = *self.camera.pose();
         let capture_time_ns = unix_time_ns();
-        self.simulation.scene.render_into(&self.simulation.camera, &pose, &mut self.rendering);
+        self.simulation
+            .scene
+            .render_into(&self.simulation.camera, &pose, &mut self.rendering);
         let sequence = self.truth.captured + 1;
-        self.settings.disturbance.apply(&mut self.rendering.image, sequence);
-        let (header, payload) =
-            packet::pack(&self.rendering, self.settings.pixels, self.settings.depth, sequence, capture_time_ns);
-        if self.in_transit.len() == IN_TRANSIT {
-            self.in_transit.pop_front();
-        }
+        self.settings
+            .disturbance
+            .apply(&mut self.rendering.image, sequence);
+        let (header, payload) = packet::pack(
+            &self.rendering,
+            self.settings.pixels,
+            self.settings.depth,
+            sequence,
+            capture_time_ns,
+        );
         let due = now + self.settings.disturbance.latency;
-        self.in_transit.push_back(Delayed { due, header: header.encode(), payload });
+        self.in_transit.push_back(Delayed {
+            due,
+            header: header.encode(),
+            payload,
+        });
         self.truth.captured = sequence;
     }
 
     fn send_due(&mut self, now: Instant) {
-        while let Some(frame) = self.in_transit.pop_front_if(|frame| frame.due <= now) {
-            match self.outputs.frames.put(frame.payload).attachment(frame.header).wait() {
+        let due = self
+            .in_transit
+            .iter()
+            .take_while(|frame| frame.due <= now)
+            .count();
+        for frame in self.in_transit.drain(..due) {
+            match self
+                .outputs
+                .frames
+                .put(frame.payload)
+                .attachment(frame.header)
+                .wait()
+            {
                 Ok(()) => self.truth.sent += 1,
-                Err(error) => tracing::warn!(camera = %self.settings.name, %error, "a frame cannot be sent"),
+                Err(error) => {
+                    tracing::warn!(camera = %self.settings.name, %error, "a frame cannot be sent")
+                }
             }
         }
         if self.info_schedule.take(now)
@@ -183,6 +221,8 @@ impl Flight {
 
 /// The sender's clock of the protocol; 0, unknown, on a clock before 1970.
 fn unix_time_ns() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
     u64::try_from(since.as_nanos()).unwrap_or(0)
 }

@@ -1,5 +1,6 @@
 //! What the Zenoh callbacks leave for the flying thread: bounded, in order, each with its time of receipt.
 //!
+//! The time is taken under the lock, as is the reader's: what the reader has not got yet came after its `now`.
 //! When it is full the oldest command goes, so that the newest and every stop are always heard.
 
 use std::collections::VecDeque;
@@ -16,9 +17,19 @@ const CAPACITY: usize = 64;
 #[derive(Debug, PartialEq)]
 pub(super) enum Event {
     /// A payload on a task's `command`; `None` when it has not the length of a twist.
-    Command { task: TaskKey, bytes: Option<[u8; TWIST_BYTES]> },
+    Command {
+        task: TaskKey,
+        bytes: Option<[u8; TWIST_BYTES]>,
+    },
     /// Everything stops.
     StopAll,
+}
+
+/// What has come, and the instant up to which that is all.
+#[derive(Debug)]
+pub(super) struct Taken {
+    pub(super) events: VecDeque<(Instant, Event)>,
+    pub(super) now: Instant,
 }
 
 #[derive(Debug, Default)]
@@ -35,15 +46,18 @@ struct State {
 
 impl Inbox {
     /// Leaves an event; never waits for its reader.
-    pub(super) fn push(&self, event: Event, received: Instant) {
+    pub(super) fn push(&self, event: Event) {
         let mut state = self.lock();
         if state.events.len() == CAPACITY {
-            let oldest_command = state.events.iter().position(|(_, event)| *event != Event::StopAll);
+            let oldest_command = state
+                .events
+                .iter()
+                .position(|(_, event)| *event != Event::StopAll);
             // All stops: one more says nothing new.
             let Some(index) = oldest_command else { return };
             state.events.remove(index);
         }
-        state.events.push_back((received, event));
+        state.events.push_back((Instant::now(), event));
         self.changed.notify_one();
     }
 
@@ -53,17 +67,24 @@ impl Inbox {
         self.changed.notify_one();
     }
 
-    /// Waits for events until `deadline`; takes them all, oldest first. `None` when closed.
-    pub(super) fn take_until(&self, deadline: Instant) -> Option<VecDeque<(Instant, Event)>> {
+    /// Waits for events until `deadline`; takes them all, oldest first, and says when. `None` when closed.
+    pub(super) fn take_until(&self, deadline: Instant) -> Option<Taken> {
         let mut state = self.lock();
         while !state.closed && state.events.is_empty() {
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() {
                 break;
             }
-            state = self.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
+            state = self
+                .changed
+                .wait_timeout(state, left)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
         }
-        (!state.closed).then(|| std::mem::take(&mut state.events))
+        (!state.closed).then(|| Taken {
+            events: std::mem::take(&mut state.events),
+            now: Instant::now(),
+        })
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -78,17 +99,31 @@ mod tests {
 
     fn command(id: usize) -> Event {
         let name = |text: String| text.try_into().expect("letters and digits");
-        Event::Command { task: TaskKey { client: name("c".into()), id: name(format!("t{id}")) }, bytes: None }
+        Event::Command {
+            task: TaskKey {
+                client: name("c".into()),
+                id: name(format!("t{id}")),
+            },
+            bytes: None,
+        }
     }
 
     #[test]
     fn a_full_inbox_loses_the_oldest_command_and_no_stop() {
         let inbox = Inbox::default();
-        let now = Instant::now();
-        inbox.push(Event::StopAll, now);
-        (0..CAPACITY).for_each(|id| inbox.push(command(id), now));
-        let events: Vec<Event> = inbox.take_until(now).expect("open").into_iter().map(|(_, event)| event).collect();
-        let expected: Vec<Event> = std::iter::once(Event::StopAll).chain((1..CAPACITY).map(command)).collect();
+        inbox.push(Event::StopAll);
+        (0..CAPACITY).for_each(|id| inbox.push(command(id)));
+        let taken = inbox.take_until(Instant::now()).expect("open");
+        assert!(
+            taken
+                .events
+                .iter()
+                .all(|(received, _)| *received <= taken.now)
+        );
+        let events: Vec<Event> = taken.events.into_iter().map(|(_, event)| event).collect();
+        let expected: Vec<Event> = std::iter::once(Event::StopAll)
+            .chain((1..CAPACITY).map(command))
+            .collect();
         assert_eq!(events, expected);
     }
 
@@ -96,6 +131,6 @@ mod tests {
     fn a_closed_inbox_ends_its_reader() {
         let inbox = Inbox::default();
         inbox.close();
-        assert_eq!(inbox.take_until(Instant::now()), None);
+        assert!(inbox.take_until(Instant::now()).is_none());
     }
 }

@@ -21,7 +21,9 @@ impl Schedule {
 
     /// Whether something is due at `now`; if so, next is the first instant of the grid after `now`.
     pub(super) fn take(&mut self, now: Instant) -> bool {
-        let Some(late) = now.checked_duration_since(self.due) else { return false };
+        let Some(late) = now.checked_duration_since(self.due) else {
+            return false;
+        };
         let periods = late.as_nanos() / self.period.as_nanos().max(1) + 1;
         self.due += self.period * u32::try_from(periods).unwrap_or(u32::MAX);
         true
