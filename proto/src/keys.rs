@@ -175,6 +175,11 @@ impl Keys {
         self.task(task, Leaf::State)
     }
 
+    /// Every key of every task: where a worker says that a task is unknown.
+    pub fn tasks(&self) -> String {
+        format!("{}/task/**", self.prefix)
+    }
+
     /// Every task's key of one leaf, for listing.
     pub fn every(&self, leaf: Leaf) -> String {
         format!("{}/task/*/*/{}", self.prefix, leaf.as_str())

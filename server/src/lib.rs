@@ -1,4 +1,55 @@
-//! The service: tasks, pipeline, safety, recording.
+//! The service: bytes in, one plain call, bytes out; many tasks, few threads, one clock.
+//!
+//! The data's way, which is the order of the files: a Zenoh callback puts a frame into a task's `mailbox`, the
+//! `pool` picks the task, `pipeline::on_frame` takes the frame through `decode`, `screen`, the law and `life`,
+//! the answer goes back to whoever asked, or through the `governor` and the `outlet` to `command`. `worker` ties
+//! it to Zenoh, `clock` watches what does not happen. Start reading at [`pipeline::on_frame`].
+
+use std::time::Duration;
+
+pub mod config;
+
+mod mailbox;
+
+mod pool;
+
+mod age;
 
 pub mod decode;
+
+mod law;
+
+pub mod screen;
+
+mod life;
+
+pub mod task;
+
+pub mod pipeline;
+
+mod governor;
+
+mod outlet;
+
+mod board;
+
+mod desk;
+
+mod endpoints;
+
+mod clock;
+
+mod worker;
+
 pub mod record;
+
+pub use age::SETTLING;
+pub use config::{ConfigError, ServerConfig};
+pub use governor::{AccelerationLimits, Governed, Governor, limit_speed};
+pub use life::DIVERGING_FRAMES;
+pub use outlet::ZERO_PERIOD;
+pub use worker::{Service, ServiceError};
+
+/// A time by the worker's monotonic clock: since the worker started. Always an argument, never read in the
+/// steps themselves, so that tests choose it and a recording can feed it back.
+pub type Moment = Duration;

@@ -21,7 +21,7 @@ pub(super) const TWIST_SCHEMA: &str = r#"{
     "pixel_mse": {"type": "number"},
     "feature_error_norm": {"type": "number"},
     "condition_number": {"type": "number"},
-    "gain_per_s": {"type": "number"}
+    "gain": {"type": "number"}
   }
 }"#;
 

@@ -1,0 +1,143 @@
+//! What a task tells the world about itself: counters and the newest numbers, for `status`.
+
+use std::time::Duration;
+
+use domvs_proto::keys::TaskKey;
+use domvs_proto::messages::{FramesDropped, StatusMessage};
+use domvs_proto::status::Status;
+use domvs_proto::twist::TwistMessage;
+
+use crate::Moment;
+
+/// `status` is repeated this often when nothing changes: 2 Hz.
+const STATUS_PERIOD: Duration = Duration::from_millis(500);
+
+/// The counters and the last word of one task.
+#[derive(Clone, Debug)]
+pub struct Board {
+    message: StatusMessage,
+    born: Moment,
+    last_published: Option<Moment>,
+    last_used: Moment,
+}
+
+impl Board {
+    /// The board of a task created at `born`.
+    pub fn new(task: TaskKey, epoch: u32, born: Moment) -> Board {
+        let message = StatusMessage::new(task, Status::WaitingTarget, epoch);
+        Board { message, born, last_published: None, last_used: born }
+    }
+
+    /// What the task said last.
+    pub fn status(&self) -> Status {
+        self.message.status
+    }
+
+    /// When a frame or an order last came.
+    pub fn last_used(&self) -> Moment {
+        self.last_used
+    }
+
+    /// Notes that a frame arrived, by either way.
+    pub fn frame_arrived(&mut self, now: Moment) {
+        self.message.frames_in += 1;
+        self.last_used = now;
+    }
+
+    /// Notes that an order arrived.
+    pub fn used(&mut self, now: Moment) {
+        self.last_used = now;
+    }
+
+    /// The counters of frames that made no twist.
+    pub fn dropped(&mut self) -> &mut FramesDropped {
+        &mut self.message.frames_dropped
+    }
+
+    /// Notes the answer to a frame.
+    pub fn answered(&mut self, answer: &TwistMessage, iterations: u64, detail: Option<&str>) {
+        let dropped = &mut self.message.frames_dropped;
+        match answer.status {
+            Status::BadFrame => dropped.bad += 1,
+            Status::StaleFrame => dropped.stale += 1,
+            Status::DeadlineMissed => dropped.deadline += 1,
+            _ => {}
+        }
+        self.message.sequence = answer.sequence;
+        self.message.compute_us = answer.compute_us;
+        self.message.twists = iterations;
+        if answer.order > 0 {
+            self.message.order = answer.order;
+            self.message.pixel_mse = finite(answer.pixel_mse);
+            self.message.feature_error_norm = finite(answer.feature_error_norm);
+        }
+        self.say(answer.status, detail);
+    }
+
+    /// Changes the last word; a change is published at the clock's next look.
+    pub fn say(&mut self, status: Status, detail: Option<&str>) {
+        if status != self.message.status {
+            tracing::info!(task = %self.message.task, %status, detail, "status");
+            self.message.status = status;
+            self.message.meaning = status.meaning().to_owned();
+            self.message.latched = status.is_latched();
+            self.last_published = None;
+        }
+        if detail != self.message.detail.as_deref() {
+            self.message.detail = detail.map(str::to_owned);
+        }
+    }
+
+    /// The message to publish now, if it is time to.
+    pub fn due(&mut self, now: Moment) -> Option<StatusMessage> {
+        if self.last_published.is_some_and(|last| now.saturating_sub(last) < STATUS_PERIOD) {
+            return None;
+        }
+        self.last_published = Some(now);
+        self.message.uptime_s = now.saturating_sub(self.born).as_secs_f64();
+        Some(self.message.clone())
+    }
+}
+
+fn finite(number: f64) -> Option<f64> {
+    number.is_finite().then_some(number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn board() -> Board {
+        Board::new("alice/one".parse().expect("a task"), 7, Duration::ZERO)
+    }
+
+    fn ms(ms: u64) -> Moment {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn status_is_published_on_change_and_twice_a_second() {
+        let mut board = board();
+        let published: Vec<u64> = (0..1200)
+            .filter(|&t| {
+                if t == 700 {
+                    board.say(Status::Ready, None);
+                }
+                board.due(ms(t)).is_some()
+            })
+            .collect();
+        assert_eq!(published, [0, 500, 700]);
+    }
+
+    #[test]
+    fn a_refused_frame_is_counted_by_its_reason_and_keeps_the_last_numbers() {
+        let mut board = board();
+        let good = TwistMessage { order: 6, pixel_mse: 0.25, sequence: 3, ..TwistMessage::zero(Status::Servoing) };
+        board.answered(&good, 1, None);
+        board.answered(&TwistMessage::zero(Status::BadFrame), 1, Some("expected 4x4 pixels"));
+        let message = board.due(ms(0)).expect("a change");
+        assert_eq!((message.status, message.frames_dropped.bad), (Status::BadFrame, 1));
+        assert_eq!((message.order, message.pixel_mse), (6, Some(0.25)));
+        assert_eq!(message.detail.as_deref(), Some("expected 4x4 pixels"));
+    }
+}

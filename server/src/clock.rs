@@ -1,0 +1,153 @@
+//! What happens when nothing comes: the watchdog's zeros, repeated zeros, repeated status, leases and idle tasks.
+//!
+//! One thread looks at every task each few milliseconds. It never computes and never waits for a computation.
+//! It also notices when the whole process stood still, and throws away what was queued meanwhile.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::Duration;
+
+use domvs_proto::body;
+use domvs_proto::settings::Lease;
+use domvs_proto::status::Status;
+
+use crate::Moment;
+use crate::desk::{Desk, Order, lock};
+use crate::mailbox::Mailbox;
+use crate::worker::{Job, Shared};
+
+/// Between two looks: how late a zero may come after the watchdog has run out.
+const TICK: Duration = Duration::from_millis(5);
+/// A client whose token has not arrived this long after its task was created counts as gone.
+const TOKEN_GRACE: Duration = Duration::from_secs(2);
+
+/// Looks after every task until `closing` is dropped.
+pub(crate) fn run(shared: &Arc<Shared>, closing: &Receiver<()>) {
+    let mut last = shared.now();
+    let mut load = LoadMeter::default();
+    while closing.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout) {
+        let now = shared.now();
+        let pause = now.saturating_sub(last);
+        last = now;
+        load.measure(shared, now);
+        for desk in shared.desks() {
+            look_after(&desk, pause, now);
+        }
+    }
+}
+
+fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
+    throw_away_after_pause(desk, pause, now);
+    let (lease, idle_close, watched) = {
+        // The pool may hold the task for one step; the clock does not wait for it.
+        match desk.task.try_lock() {
+            Ok(task) => (task.settings().lease, Duration::from_secs(u64::from(task.settings().idle_close_s)), true),
+            Err(_) => (Lease::None, Duration::MAX, false),
+        }
+    };
+    if watched && lease == Lease::Client {
+        watch_client(desk, now);
+    }
+    obey_halt(desk, now);
+    let mut board = lock(&desk.board);
+    let status = if board.status() == Status::Servoing { Status::WaitingFrame } else { board.status() };
+    if let Some(braked) = lock(&desk.outlet).tick(status, now) {
+        board.say(braked, Some("no frame came within the watchdog time"));
+    }
+    let idle = lease == Lease::None && now.saturating_sub(board.last_used()) > idle_close;
+    let message = board.due(now);
+    drop(board);
+    if let Some(message) = message {
+        let json = body::write(&message);
+        desk.publications.status(&json);
+        if let Some(recorder) = &desk.shared.recorder {
+            let text = String::from_utf8_lossy(&json).into_owned();
+            recorder.status(&desk.shared.keys.status(&desk.key), desk.shared.wall_ns(now), text);
+        }
+    }
+    if idle || desk.closing.load(Ordering::Acquire) {
+        desk.shared.give(Job::Close(desk.key.clone()));
+    }
+}
+
+/// Brakes on `command` at once; the pool latches the task before it does anything else.
+fn obey_halt(desk: &Arc<Desk>, now: Moment) {
+    // Held while the outlet is halted, so a `start` that has obeyed this halt already is not overruled.
+    let halt = lock(&desk.halt);
+    let Some(status) = *halt else { return };
+    let mut outlet = lock(&desk.outlet);
+    if !outlet.is_halted() {
+        outlet.halt(Some(status), now);
+    }
+    drop(outlet);
+    drop(halt);
+    wake(desk);
+}
+
+/// Makes the pool look at a task that may have nothing in its mailbox.
+fn wake(desk: &Arc<Desk>) {
+    // A full queue wakes it just as well.
+    let _ = Mailbox::push_order(&desk.mailbox, Order::Wake);
+    desk.shared.pool.schedule(desk);
+}
+
+fn watch_client(desk: &Arc<Desk>, now: Moment) {
+    let present = desk.shared.client_is_alive(&desk.key.client);
+    let mut lease = lock(&desk.lease);
+    if present {
+        lease.seen = true;
+        lease.gone_since = None;
+        return;
+    }
+    if !lease.seen && now.saturating_sub(desk.born) < TOKEN_GRACE {
+        return;
+    }
+    match lease.gone_since {
+        None => {
+            lease.gone_since = Some(now);
+            tracing::warn!(task = %desk.key, "the client's token is gone");
+            desk.request_halt(Status::ClientLost);
+        }
+        Some(since) if now.saturating_sub(since) > desk.shared.config.lease.grace() => {
+            desk.closing.store(true, Ordering::Release);
+        }
+        Some(_) => {}
+    }
+}
+
+/// A process that was stopped, or starved, finds old frames in its queues. They tell nothing about now.
+fn throw_away_after_pause(desk: &Arc<Desk>, pause: Duration, now: Moment) {
+    let watchdog = lock(&desk.outlet).governor_mut().watchdog();
+    if pause <= watchdog {
+        return;
+    }
+    tracing::warn!(task = %desk.key, pause_ms = pause.as_millis(), "the worker stood still; queued frames are thrown away");
+    let until = u64::try_from((now + watchdog).as_nanos()).unwrap_or(u64::MAX);
+    desk.doubtful_until_ns.store(until, Ordering::Release);
+    let (requests, frame) = desk.mailbox.discard_images();
+    lock(&desk.board).dropped().stale += requests.len() as u64 + u64::from(frame.is_some());
+    for request in requests {
+        desk.shared.give(Job::TwistRefused(Arc::clone(desk), request.query, Status::StaleFrame));
+    }
+}
+
+/// Share of the compute threads' time that was spent computing, over the last second.
+#[derive(Default)]
+struct LoadMeter {
+    since: Moment,
+    busy: Duration,
+}
+
+impl LoadMeter {
+    fn measure(&mut self, shared: &Shared, now: Moment) {
+        let interval = now.saturating_sub(self.since);
+        if interval < Duration::from_secs(1) {
+            return;
+        }
+        let busy = shared.busy();
+        let capacity = interval.as_secs_f64() * shared.config.compute_threads() as f64;
+        shared.set_load(busy.saturating_sub(self.busy).as_secs_f64() / capacity);
+        (self.since, self.busy) = (now, busy);
+    }
+}

@@ -1,0 +1,196 @@
+//! What the operator of a worker decides: `server.toml`. What a client decides is in the task's settings.
+//!
+//! `deploy/server.toml` lists every entry with its default; a test holds the two equal.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use domvs_proto::keys::Name;
+use serde::{Deserialize, Serialize};
+
+/// A worker's configuration. Unknown entries are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ServerConfig {
+    /// Name of this worker, `[A-Za-z0-9_-]{1,64}`; empty: one is made up at every start.
+    pub worker: String,
+    /// First part of every key.
+    pub prefix: String,
+    /// Compute threads; 0: one for each core.
+    pub threads: usize,
+    /// So many orders and so many twist requests may wait for one task, 1 to 64.
+    pub mailbox_depth: usize,
+    /// A folder for recordings; empty: nothing is recorded.
+    pub record: PathBuf,
+    /// What clients may use.
+    pub limits: Limits,
+    /// When a task whose client has gone is closed.
+    pub lease: Lease,
+}
+
+/// What one worker grants.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Tasks in this worker.
+    pub tasks: usize,
+    /// Tasks of one client.
+    pub tasks_per_client: usize,
+    /// Pixels of one image; a larger one is refused before it is decoded.
+    pub pixels_per_frame: usize,
+    /// Bytes of one payload.
+    pub bytes_per_payload: usize,
+}
+
+/// How long a client may be gone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Lease {
+    /// From the loss of a client's liveliness token, which halts its tasks at once, to their closing.
+    pub grace_s: u64,
+}
+
+impl Default for ServerConfig {
+    fn default() -> Self {
+        ServerConfig {
+            worker: String::new(),
+            prefix: "domvs".to_owned(),
+            threads: 0,
+            mailbox_depth: 4,
+            record: PathBuf::new(),
+            limits: Limits::default(),
+            lease: Lease::default(),
+        }
+    }
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Limits {
+            tasks: 64,
+            tasks_per_client: 16,
+            pixels_per_frame: 3840 * 2160,
+            bytes_per_payload: 64 * 1024 * 1024,
+        }
+    }
+}
+
+impl Default for Lease {
+    fn default() -> Self {
+        Lease { grace_s: 30 }
+    }
+}
+
+/// Why a configuration cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("cannot read {path}: {source}")]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The text is not the TOML that is expected.
+    #[error("cannot understand the server configuration: {0}")]
+    Malformed(#[from] toml::de::Error),
+    /// A value is out of its range.
+    #[error("{entry} must be {expected}, got {got}")]
+    OutOfRange {
+        /// Which entry.
+        entry: &'static str,
+        /// Its range.
+        expected: &'static str,
+        /// What it is.
+        got: String,
+    },
+}
+
+impl ServerConfig {
+    /// Reads and checks a file.
+    pub fn read(path: &Path) -> Result<ServerConfig, ConfigError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ConfigError::Unreadable { path: path.to_owned(), source })?;
+        ServerConfig::parse(&text)
+    }
+
+    /// Reads and checks a text.
+    pub fn parse(text: &str) -> Result<ServerConfig, ConfigError> {
+        let config: ServerConfig = toml::from_str(text)?;
+        config.checked()
+    }
+
+    /// The configuration itself when every entry is in its range.
+    pub fn checked(self) -> Result<ServerConfig, ConfigError> {
+        let name_fits = |name: &str| Name::try_from(name).is_ok();
+        if !self.worker.is_empty() && !name_fits(&self.worker) {
+            return Err(out_of_range("worker", "empty or 1 to 64 of A-Z a-z 0-9 _ -", &self.worker));
+        }
+        check_range("threads", "0 to 256", self.threads, 0, 256)?;
+        check_range("mailbox_depth", "1 to 64", self.mailbox_depth, 1, 64)?;
+        check_range("limits.tasks", "1 to 10000", self.limits.tasks, 1, 10_000)?;
+        check_range("limits.tasks_per_client", "1 to 10000", self.limits.tasks_per_client, 1, 10_000)?;
+        let (pixels, bytes) = (self.limits.pixels_per_frame, self.limits.bytes_per_payload);
+        check_range("limits.pixels_per_frame", "64 to 16777216", pixels, 64, 1 << 24)?;
+        check_range("limits.bytes_per_payload", "1024 to 1073741824", bytes, 1024, 1 << 30)?;
+        Ok(self)
+    }
+
+    /// This worker's name: the configured one, or a new random one.
+    pub fn worker_name(&self) -> Name {
+        let text = if self.worker.is_empty() { format!("w-{:08x}", rand::random::<u32>()) } else { self.worker.clone() };
+        Name::try_from(text.as_str()).expect("checked names and hexadecimal ones are valid")
+    }
+
+    /// How many compute threads to start.
+    pub fn compute_threads(&self) -> usize {
+        match self.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        }
+    }
+}
+
+impl Lease {
+    /// The grace as a duration.
+    pub fn grace(&self) -> Duration {
+        Duration::from_secs(self.grace_s)
+    }
+}
+
+fn check_range(entry: &'static str, expected: &'static str, got: usize, min: usize, max: usize) -> Result<(), ConfigError> {
+    if (min..=max).contains(&got) { Ok(()) } else { Err(out_of_range(entry, expected, &got.to_string())) }
+}
+
+fn out_of_range(entry: &'static str, expected: &'static str, got: &str) -> ConfigError {
+    ConfigError::OutOfRange { entry, expected, got: got.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_file_means_the_defaults() {
+        assert_eq!(ServerConfig::parse("").expect("valid"), ServerConfig::default());
+    }
+
+    #[test]
+    fn the_shipped_file_lists_every_entry_with_its_default() {
+        let shipped = include_str!("../../deploy/server.toml");
+        assert_eq!(ServerConfig::parse(shipped).expect("valid"), ServerConfig::default());
+        let parsed: toml::Table = shipped.parse().expect("TOML");
+        let defaults = toml::Table::try_from(ServerConfig::default()).expect("TOML");
+        assert_eq!(parsed, defaults, "no entry may be missing from the file");
+    }
+
+    #[test]
+    fn wrong_entries_are_refused_with_the_numbers() {
+        let message = |text: &str| ServerConfig::parse(text).expect_err("refused").to_string();
+        assert!(message("mailbox_depth = 0").contains("1 to 64, got 0"));
+        assert!(message("worker = \"a/b\"").contains("a/b"));
+        assert!(message("mailbox_dept = 4").contains("mailbox_dept"));
+    }
+}

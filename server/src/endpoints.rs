@@ -1,0 +1,158 @@
+//! The Zenoh keys of one task: declared when it is created, gone when it is closed.
+//!
+//! Callbacks run one after another on the session's receive path, so each only puts what came into the mailbox
+//! and wakes the pool.
+
+use std::sync::Arc;
+
+use domvs_proto::body;
+use domvs_proto::keys::{Keys, TaskKey};
+use domvs_proto::settings::Frames;
+use domvs_proto::status::Status;
+use domvs_proto::twist::{TWIST_ENCODING, TwistMessage};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::{Query, Queryable};
+use zenoh::sample::Sample;
+use zenoh::{Session, Wait};
+
+use crate::desk::{Desk, Order, PushedFrame, TwistRequest, lock};
+use crate::worker::{Job, Shared};
+
+/// What a task publishes besides `command`.
+pub(crate) struct Publications {
+    status: Publisher<'static>,
+    state: Publisher<'static>,
+}
+
+/// Everything declared for one task; dropping it undeclares.
+pub(crate) struct Endpoints {
+    _queryables: Vec<Queryable<()>>,
+    _subscribers: Vec<Subscriber<()>>,
+    /// Declared last: whoever sees it may ask.
+    _owner: LivelinessToken,
+}
+
+impl Publications {
+    pub(crate) fn declare(session: &Session, keys: &Keys, task: &TaskKey) -> zenoh::Result<Publications> {
+        let status = session.declare_publisher(keys.status(task)).encoding(body::JSON).wait()?;
+        let state = session.declare_publisher(keys.state(task)).encoding(body::JSON).wait()?;
+        Ok(Publications { status, state })
+    }
+
+    pub(crate) fn status(&self, json: &[u8]) {
+        log_failure(self.status.put(json).wait());
+    }
+
+    pub(crate) fn state(&self, json: Vec<u8>) {
+        log_failure(self.state.put(json).wait());
+    }
+}
+
+/// A function that publishes on `command`: before all other traffic, never waiting.
+pub(crate) fn command(
+    session: &Session,
+    keys: &Keys,
+    task: &TaskKey,
+) -> zenoh::Result<Box<dyn Fn(&TwistMessage) + Send>> {
+    let publisher = session
+        .declare_publisher(keys.command(task))
+        .encoding(TWIST_ENCODING)
+        .priority(Priority::RealTime)
+        .congestion_control(CongestionControl::Drop)
+        .express(true)
+        .wait()?;
+    Ok(Box::new(move |message| log_failure(publisher.put(message.encode()).wait())))
+}
+
+impl Endpoints {
+    pub(crate) fn declare(desk: &Arc<Desk>, frames: &Frames) -> zenoh::Result<Endpoints> {
+        let (session, keys, task) = (&desk.shared.session, &desk.shared.keys, &desk.key);
+        let queryables = vec![
+            queryable(session, keys.control(task), desk, |desk, query| order(desk, Order::Control(query)))?,
+            queryable(session, keys.settings(task), desk, |desk, query| order(desk, Order::Settings(query)))?,
+            queryable(session, keys.state(task), desk, |desk, query| order(desk, Order::State(query)))?,
+            queryable(session, keys.target(task), desk, |desk, query| {
+                let received = desk.shared.now();
+                order(desk, Order::Target(query, received));
+            })?,
+            queryable(session, keys.twist(task), desk, request_twist)?,
+        ];
+        let mut subscribers = vec![frame_subscriber(session, keys.frame(task), desk)?];
+        if let Frames::Key(key) = frames {
+            subscribers.push(frame_subscriber(session, key.clone(), desk)?);
+        }
+        let owner = keys.owner(task, &desk.shared.worker, desk.epoch);
+        let owner = session.liveliness().declare_token(owner).wait()?;
+        Ok(Endpoints { _queryables: queryables, _subscribers: subscribers, _owner: owner })
+    }
+}
+
+fn queryable(
+    session: &Session,
+    key: String,
+    desk: &Arc<Desk>,
+    enqueue: impl Fn(&Arc<Desk>, Query) + Send + Sync + 'static,
+) -> zenoh::Result<Queryable<()>> {
+    let desk = Arc::clone(desk);
+    session.declare_queryable(key).complete(true).callback(move |query| enqueue(&desk, query)).wait()
+}
+
+fn frame_subscriber(session: &Session, key: String, desk: &Arc<Desk>) -> zenoh::Result<Subscriber<()>> {
+    let desk = Arc::clone(desk);
+    session.declare_subscriber(key).callback(move |sample| push_frame(&desk, &sample)).wait()
+}
+
+fn order(desk: &Arc<Desk>, order: Order) {
+    let shared: &Shared = &desk.shared;
+    match desk.mailbox.push_order(order) {
+        Ok(()) => shared.pool.schedule(desk),
+        Err(order) => shared.give(Job::OrderRefused(order)),
+    }
+}
+
+fn request_twist(desk: &Arc<Desk>, query: Query) {
+    let shared: &Shared = &desk.shared;
+    let received = shared.now();
+    lock(&desk.board).frame_arrived(received);
+    let refused = match query.payload().map_or(0, zenoh::bytes::ZBytes::len) {
+        size if size > shared.config.limits.bytes_per_payload => Some((query, Status::BadFrame)),
+        _ => {
+            let full = desk.mailbox.push_request(TwistRequest { query, received });
+            full.err().map(|request| (request.query, Status::Overloaded))
+        }
+    };
+    match refused {
+        None => shared.pool.schedule(desk),
+        Some((query, status)) => shared.give(Job::TwistRefused(Arc::clone(desk), query, status)),
+    }
+}
+
+fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
+    let shared: &Shared = &desk.shared;
+    let received = shared.now();
+    let mut board = lock(&desk.board);
+    board.frame_arrived(received);
+    if sample.payload().len() > shared.config.limits.bytes_per_payload {
+        board.dropped().bad += 1;
+        return;
+    }
+    let frame = PushedFrame {
+        attachment: sample.attachment().cloned(),
+        encoding: sample.encoding().to_string(),
+        payload: sample.payload().clone(),
+        received,
+    };
+    if desk.mailbox.put_frame(frame).is_some() {
+        board.dropped().superseded += 1;
+    }
+    drop(board);
+    shared.pool.schedule(desk);
+}
+
+fn log_failure(result: zenoh::Result<()>) {
+    if let Err(error) = result {
+        tracing::debug!(%error, "a publication could not be sent");
+    }
+}

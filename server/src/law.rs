@@ -1,0 +1,71 @@
+//! From what a client set to what the law takes. The two crates know nothing of each other; here they meet.
+
+use domvs_proto::settings::{self, TaskSettings};
+use domvs_vision::{CameraError, Gain, Intrinsics, KrawtchoukP, Lattice, Law, Method, OrderError, OrderRule, StepCap, Window};
+
+use crate::governor::AccelerationLimits;
+
+/// The law that these settings describe. Fails where the law is stricter than the checked settings.
+pub fn law(settings: &TaskSettings) -> Result<Law, OrderError> {
+    let order = OrderRule::new(usize::from(settings.order.min), usize::from(settings.order.max), settings.epsilon)?;
+    Ok(Law {
+        method: method(settings.method),
+        window: window(settings.window),
+        krawtchouk_p: match settings.krawtchouk.p {
+            settings::KrawtchoukP::Adaptive => KrawtchoukP::Adaptive,
+            settings::KrawtchoukP::Fixed(p) => KrawtchoukP::Fixed(p),
+        },
+        lattice: match settings.krawtchouk.lattice {
+            settings::Lattice::Paper => Lattice::Paper,
+            settings::Lattice::Exact => Lattice::Exact,
+        },
+        order,
+        gain: gain(settings),
+        step_cap: settings.step_cap.map(|cap| StepCap { translation_m: cap.translation_m, rotation_rad: cap.rotation_rad }),
+        degrees_of_freedom: settings.degrees_of_freedom,
+    })
+}
+
+/// The pinhole part of the camera.
+pub fn intrinsics(camera: &settings::Camera) -> Result<Intrinsics, CameraError> {
+    Intrinsics::new([camera.fx, camera.fy], [camera.cx, camera.cy])
+}
+
+/// The acceleration part of the limits.
+pub fn acceleration_limits(settings: &TaskSettings) -> Option<AccelerationLimits> {
+    settings.limits.map(|limits| AccelerationLimits {
+        linear_m_per_s2: limits.linear_m_per_s2,
+        angular_rad_per_s2: limits.angular_rad_per_s2,
+    })
+}
+
+fn method(method: settings::Method) -> Method {
+    match method {
+        settings::Method::Hahn => Method::Hahn,
+        settings::Method::Krawtchouk => Method::Krawtchouk,
+        settings::Method::Tchebichef => Method::Tchebichef,
+        settings::Method::Cosine => Method::Cosine,
+    }
+}
+
+fn window(window: settings::Window) -> Window {
+    match window {
+        settings::Window::Adaptive => Window::Adaptive,
+        settings::Window::AdaptivePaper => Window::AdaptivePaper,
+        settings::Window::Fixed { a, b } => Window::Fixed { x: [a[0], b[0]], y: [a[1], b[1]] },
+    }
+}
+
+fn gain(settings: &TaskSettings) -> Gain {
+    match settings.gain_in_force() {
+        settings::Gain::PerS(per_s) => Gain::PerSecond(per_s),
+        settings::Gain::StepFraction(fraction) => {
+            Gain::StepFraction { fraction, frame_period_s: settings.frame_period_s }
+        }
+        settings::Gain::Adaptive(gain) => Gain::Adaptive {
+            at_zero: gain.at_zero,
+            at_infinity: gain.at_infinity,
+            slope_at_zero: gain.slope_at_zero,
+        },
+    }
+}

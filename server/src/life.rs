@@ -1,0 +1,178 @@
+//! The life of a task: what may move, what ends a servoing, and what it takes to begin again.
+//!
+//! `created → target set (ready) → start → servoing ⇄ paused → converged | failed → closed`. Nothing moves
+//! before `start`, save with `autostart`. A latched status stays until `start` or `resume`; the others clear
+//! at the next good frame.
+
+use domvs_proto::messages::Control;
+use domvs_proto::settings::Stop;
+use domvs_proto::status::Status;
+use domvs_vision::Step;
+
+/// Frames in a row that must have grown beyond [`diverged`]'s bound before a servoing counts as diverging.
+pub const DIVERGING_FRAMES: u32 = 10;
+
+/// Where a task stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Idle,
+    Running,
+    Latched(Status),
+}
+
+/// The counters and the phase of one task.
+#[derive(Clone, Debug)]
+pub struct Life {
+    phase: Phase,
+    has_target: bool,
+    iterations: u64,
+    held_frames: u32,
+    growing_frames: u32,
+    initial_pixel_mse: Option<f64>,
+}
+
+/// What a frame means for the servoing that it belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// Go on; `close` says that the step is already under the stop threshold.
+    Moving {
+        /// Within the stop threshold, but not yet held long enough.
+        close: bool,
+    },
+    /// The servoing has ended with this status.
+    Ended(Status),
+}
+
+impl Default for Life {
+    fn default() -> Self {
+        Life {
+            phase: Phase::Idle,
+            has_target: false,
+            iterations: 0,
+            held_frames: 0,
+            growing_frames: 0,
+            initial_pixel_mse: None,
+        }
+    }
+}
+
+impl Life {
+    /// What this task says while no frame decides otherwise.
+    pub fn status(&self) -> Status {
+        match self.phase {
+            Phase::Latched(status) => status,
+            _ if !self.has_target => Status::WaitingTarget,
+            Phase::Idle => Status::Ready,
+            Phase::Running => Status::WaitingFrame,
+        }
+    }
+
+    /// Whether a good frame may move the camera.
+    pub fn is_running(&self) -> bool {
+        self.phase == Phase::Running
+    }
+
+    /// Images used since `start`.
+    pub fn iterations(&self) -> u64 {
+        self.iterations
+    }
+
+    /// Frames in a row within the stop threshold.
+    pub fn held_frames(&self) -> u32 {
+        self.held_frames
+    }
+
+    /// The law was made anew: what it said before proves nothing. The phase stays.
+    pub fn law_changed(&mut self) {
+        self.reset();
+    }
+
+    /// Starts a task that is ready, by its first frame.
+    pub fn autostart(&mut self) {
+        if self.status() == Status::Ready {
+            self.phase = Phase::Running;
+        }
+    }
+
+    /// A target was set: counters start anew. A task that had none becomes ready; a latched one stays latched.
+    pub fn target_set(&mut self) {
+        self.reset();
+        self.has_target = true;
+    }
+
+    /// Obeys a control word. Returns whether the law must forget its initial image. `close` changes nothing here.
+    /// Fails with the present status when the word makes no sense now.
+    pub fn control(&mut self, control: Control) -> Result<bool, Status> {
+        match (control, self.phase) {
+            (Control::Close, _) => Ok(false),
+            (Control::Stop, _) => {
+                self.latch(Status::Stopped);
+                Ok(false)
+            }
+            _ if !self.has_target => Err(self.status()),
+            (Control::Start, _) => {
+                self.reset();
+                self.phase = Phase::Running;
+                Ok(true)
+            }
+            (Control::Pause, Phase::Running) => {
+                self.latch(Status::Paused);
+                Ok(false)
+            }
+            (Control::Pause, Phase::Latched(Status::Paused)) => Ok(false),
+            (Control::Resume, Phase::Running) => Ok(false),
+            (Control::Resume, Phase::Latched(_)) => {
+                self.phase = Phase::Running;
+                (self.held_frames, self.growing_frames) = (0, 0);
+                Ok(false)
+            }
+            (Control::Pause | Control::Resume, _) => Err(self.status()),
+        }
+    }
+
+    /// Ends whatever runs with a latched status.
+    pub fn latch(&mut self, status: Status) {
+        self.phase = Phase::Latched(status);
+    }
+
+    /// Counts a good step and judges it.
+    pub fn advance(&mut self, step: &Step, stop: &Stop) -> Progress {
+        self.iterations += 1;
+        let initial = *self.initial_pixel_mse.get_or_insert(step.pixel_mse);
+        self.growing_frames = if diverged(step.pixel_mse, initial) { self.growing_frames + 1 } else { 0 };
+        let close = is_close(step, stop);
+        self.held_frames = if close { self.held_frames + 1 } else { 0 };
+        let ended = if close && self.held_frames >= stop.hold_frames {
+            Some(Status::Converged)
+        } else if self.growing_frames >= DIVERGING_FRAMES {
+            Some(Status::Diverging)
+        } else if stop.max_iterations > 0 && self.iterations >= u64::from(stop.max_iterations) {
+            Some(Status::IterationCap)
+        } else {
+            None
+        };
+        match ended {
+            Some(status) => {
+                self.latch(status);
+                Progress::Ended(status)
+            }
+            None => Progress::Moving { close },
+        }
+    }
+
+    fn reset(&mut self) {
+        *self = Life { phase: self.phase, has_target: self.has_target, ..Life::default() };
+    }
+}
+
+/// The full Gauss-Newton step is under both bounds, and so is the pixel error where the settings ask for it.
+fn is_close(step: &Step, stop: &Stop) -> bool {
+    let [x, y, z, rx, ry, rz] = step.gauss_newton;
+    let (translation, rotation) = ((x * x + y * y + z * z).sqrt(), (rx * rx + ry * ry + rz * rz).sqrt());
+    translation <= stop.step_m && rotation <= stop.step_rad && stop.pixel_mse.is_none_or(|bound| step.pixel_mse <= bound)
+}
+
+/// Twice the initial pixel error, and 0.01 more: a large displacement may raise it for a while, not that far.
+fn diverged(pixel_mse: f64, initial: f64) -> bool {
+    pixel_mse > 2.0 * initial + 0.01
+}

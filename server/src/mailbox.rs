@@ -1,0 +1,143 @@
+//! What waits for one task: a few orders, a few twist requests, and the newest frame.
+//!
+//! Zenoh callbacks run on the session's receive path, so they only put things here and return. Nothing blocks
+//! and nothing grows: an order or a request that finds its queue full comes back to the caller, a frame
+//! replaces the one that waited and the loss is counted.
+
+use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// What [`Mailbox::take`] hands to the compute pool.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Item<O, R, F> {
+    /// Control, settings, target: always first.
+    Order(O),
+    /// One twist request.
+    Request(R),
+    /// The newest pushed frame.
+    Frame(F),
+}
+
+/// The queues of one task.
+#[derive(Debug)]
+pub struct Mailbox<O, R, F> {
+    depth: usize,
+    slots: Mutex<Slots<O, R, F>>,
+}
+
+#[derive(Debug)]
+struct Slots<O, R, F> {
+    orders: VecDeque<O>,
+    requests: VecDeque<R>,
+    frame: Option<F>,
+    frame_goes_next: bool,
+}
+
+impl<O, R, F> Mailbox<O, R, F> {
+    /// A mailbox that holds `depth` orders, `depth` requests and one frame.
+    pub fn new(depth: usize) -> Mailbox<O, R, F> {
+        let slots = Slots {
+            orders: VecDeque::with_capacity(depth),
+            requests: VecDeque::with_capacity(depth),
+            frame: None,
+            frame_goes_next: false,
+        };
+        Mailbox { depth, slots: Mutex::new(slots) }
+    }
+
+    /// Adds an order, or gives it back when the queue is full.
+    pub fn push_order(&self, order: O) -> Result<(), O> {
+        push(&mut self.lock().orders, order, self.depth)
+    }
+
+    /// Adds a twist request, or gives it back when the queue is full.
+    pub fn push_request(&self, request: R) -> Result<(), R> {
+        push(&mut self.lock().requests, request, self.depth)
+    }
+
+    /// Puts the newest frame into its slot and returns the one that it replaces.
+    pub fn put_frame(&self, frame: F) -> Option<F> {
+        self.lock().frame.replace(frame)
+    }
+
+    /// The next thing to do: orders first, then requests and the frame in turn.
+    pub fn take(&self) -> Option<Item<O, R, F>> {
+        let mut slots = self.lock();
+        if let Some(order) = slots.orders.pop_front() {
+            return Some(Item::Order(order));
+        }
+        let frame_first = slots.frame_goes_next || slots.requests.is_empty();
+        let item = match slots.frame.take_if(|_| frame_first) {
+            Some(frame) => Item::Frame(frame),
+            None => Item::Request(slots.requests.pop_front()?),
+        };
+        slots.frame_goes_next = matches!(item, Item::Request(_));
+        Some(item)
+    }
+
+    /// Whether [`Mailbox::take`] would return something.
+    pub fn has_items(&self) -> bool {
+        let slots = self.lock();
+        !slots.orders.is_empty() || !slots.requests.is_empty() || slots.frame.is_some()
+    }
+
+    /// Takes out every image that waits, for a worker that was away too long to use them.
+    pub fn discard_images(&self) -> (Vec<R>, Option<F>) {
+        let mut slots = self.lock();
+        (slots.requests.drain(..).collect(), slots.frame.take())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Slots<O, R, F>> {
+        // No code that can panic runs under this lock, so a poisoned one is still whole.
+        self.slots.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn push<T>(queue: &mut VecDeque<T>, item: T, depth: usize) -> Result<(), T> {
+    if queue.len() >= depth {
+        return Err(item);
+    }
+    queue.push_back(item);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mailbox() -> Mailbox<&'static str, u32, u32> {
+        Mailbox::new(2)
+    }
+
+    #[test]
+    fn the_newest_frame_replaces_the_one_that_waited() {
+        let mailbox = mailbox();
+        assert_eq!(mailbox.put_frame(1), None);
+        assert_eq!(mailbox.put_frame(2), Some(1));
+        assert_eq!(mailbox.take(), Some(Item::Frame(2)));
+        assert_eq!(mailbox.take(), None);
+    }
+
+    #[test]
+    fn orders_come_first_and_requests_alternate_with_frames() {
+        let mailbox = mailbox();
+        mailbox.put_frame(10);
+        mailbox.push_request(1).expect("room");
+        mailbox.push_request(2).expect("room");
+        mailbox.push_order("stop").expect("room");
+        assert_eq!(mailbox.take(), Some(Item::Order("stop")));
+        assert_eq!(mailbox.take(), Some(Item::Request(1)));
+        assert_eq!(mailbox.take(), Some(Item::Frame(10)));
+        assert_eq!(mailbox.take(), Some(Item::Request(2)));
+        assert!(!mailbox.has_items());
+    }
+
+    #[test]
+    fn a_full_queue_gives_the_request_back() {
+        let mailbox = mailbox();
+        assert_eq!((mailbox.push_request(1), mailbox.push_request(2), mailbox.push_request(3)), (Ok(()), Ok(()), Err(3)));
+        mailbox.put_frame(7);
+        assert_eq!(mailbox.discard_images(), (vec![1, 2], Some(7)));
+        assert!(!mailbox.has_items());
+    }
+}

@@ -1,0 +1,269 @@
+//! One client's servoing towards one target, without a network: what a frame meets on its way and what stays
+//! from frame to frame. `pipeline` moves a frame through it; here are its orders: control, target, settings.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::time::Duration;
+
+use domvs_proto::frame::FrameHeader;
+use domvs_proto::messages::{Control, ErrorCode, ErrorReply, Progress};
+use domvs_proto::settings::{self, TaskSettings};
+use domvs_proto::status::Status;
+use domvs_vision::{Depth, DepthMap, HoleFill, Plane, Servo, Twist, View};
+use serde_json::Value;
+
+use crate::age::AgeEstimator;
+use crate::decode::{DecodeLimits, Decoder, invert};
+use crate::law::{intrinsics, law};
+use crate::life::Life;
+use crate::screen::{FLAT_BELOW, FreezeDetector, contrast};
+use crate::Moment;
+
+/// How a frame came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Route {
+    /// With a request on `twist`: the answer is pure, no clock but the request's own deadline.
+    Requested,
+    /// Published by a camera: age, silence and frozen pictures matter.
+    Pushed,
+}
+
+/// A frame as it arrived.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// What the pixels are.
+    pub header: &'a FrameHeader,
+    /// The Encoding of the payload, which names PNG and JPEG.
+    pub encoding: &'a str,
+    /// The bytes.
+    pub payload: &'a [u8],
+    /// When it arrived, by this worker's monotonic clock.
+    pub received: Moment,
+    /// How it came.
+    pub route: Route,
+}
+
+/// The state of one task.
+pub struct Task {
+    pub(crate) settings: TaskSettings,
+    pub(crate) life: Life,
+    pub(crate) decoder: Decoder,
+    pub(crate) limits: DecodeLimits,
+    pub(crate) target: Option<Target>,
+    pub(crate) age: AgeEstimator,
+    pub(crate) freeze: FreezeDetector,
+    /// The numbers behind the last refusal.
+    pub(crate) detail: Option<String>,
+    pub(crate) sequence: u64,
+}
+
+/// What was set, and the law made for it.
+pub(crate) struct Target {
+    pub(crate) servo: Servo<f32>,
+    /// Of the current frame; refilled in place when frames bring a map.
+    pub(crate) depth: Depth<f32>,
+    /// The desired view's depth, where the settings use it for both.
+    pub(crate) filled: bool,
+    /// A depth typical of the scene, metres: turns a speed into pixels.
+    pub(crate) typical_depth_m: f64,
+    sent: SentTarget,
+}
+
+/// A target as its client sent it, without the secret.
+#[derive(Clone, Debug)]
+pub struct SentTarget {
+    /// The header, without the secret.
+    pub header: FrameHeader,
+    /// The Encoding.
+    pub encoding: String,
+    /// The bytes.
+    pub payload: Vec<u8>,
+    /// The size of its image, pixels.
+    pub size: [usize; 2],
+}
+
+impl SentTarget {
+    /// The same for the same header, Encoding and payload, in hexadecimal.
+    pub fn hash(&self) -> String {
+        let mut hasher = DefaultHasher::new();
+        (self.header.encode(), &self.encoding, &self.payload).hash(&mut hasher);
+        format!("{:016x}", hasher.finish())
+    }
+}
+
+impl Task {
+    /// A task without a target. The settings were checked by whoever made them.
+    pub fn new(settings: TaskSettings, limits: DecodeLimits) -> Task {
+        Task {
+            settings,
+            life: Life::default(),
+            decoder: Decoder::new(),
+            limits,
+            target: None,
+            age: AgeEstimator::default(),
+            freeze: FreezeDetector::default(),
+            detail: None,
+            sequence: 0,
+        }
+    }
+
+    /// The settings in force.
+    pub fn settings(&self) -> &TaskSettings {
+        &self.settings
+    }
+
+    /// What the task says while no frame decides otherwise.
+    pub fn status(&self) -> Status {
+        self.life.status()
+    }
+
+    /// The numbers behind the last refusal of a frame.
+    pub fn detail(&self) -> Option<&str> {
+        self.detail.as_deref()
+    }
+
+    /// The target as it was sent.
+    pub fn target(&self) -> Option<&SentTarget> {
+        self.target.as_ref().map(|target| &target.sent)
+    }
+
+    /// How far the task is, after it said `status`.
+    pub fn progress(&self, status: Status) -> Progress {
+        Progress {
+            status,
+            twists: self.life.iterations(),
+            held_frames: self.life.held_frames(),
+            sequence: self.sequence,
+        }
+    }
+
+    /// Good steps since `start`.
+    pub fn iterations(&self) -> u64 {
+        self.life.iterations()
+    }
+
+    /// Notes the twist that really went out on `command` after a pushed frame.
+    pub fn commanded(&mut self, twist: Twist) {
+        self.freeze.commanded(twist);
+    }
+
+    /// Obeys a control word and says what the status is then.
+    pub fn control(&mut self, control: Control) -> Result<Status, ErrorReply> {
+        match self.life.control(control) {
+            Ok(forget_initial) => {
+                if let (true, Some(target)) = (forget_initial, self.target.as_mut()) {
+                    target.servo.restart();
+                }
+                self.detail = None;
+                Ok(self.life.status())
+            }
+            Err(Status::WaitingTarget) => {
+                Err(ErrorReply::new(ErrorCode::NoTarget, "set a target before the task can start"))
+            }
+            Err(status) => Ok(status),
+        }
+    }
+
+    /// Halts with a latched status, from outside the image's way: stop for all, a lost client, a panic.
+    pub fn latch(&mut self, status: Status) {
+        self.life.latch(status);
+    }
+
+    /// Takes a desired image. The task keeps its phase; counters and I° start anew. On an error nothing changes.
+    pub fn set_target(&mut self, frame: &Frame<'_>) -> Result<Status, ErrorReply> {
+        let sent = SentTarget {
+            header: FrameHeader { secret: None, deadline_us: 0, ..frame.header.clone() },
+            encoding: frame.encoding.to_owned(),
+            payload: frame.payload.to_vec(),
+            size: [0, 0],
+        };
+        self.target = Some(self.make_target(sent, &self.settings.clone())?);
+        self.life.target_set();
+        self.freeze = FreezeDetector::default();
+        self.detail = None;
+        Ok(self.life.status())
+    }
+
+    /// Changes settings by a merge patch and returns those in force then. On an error nothing changes.
+    /// A law that changes starts anew on the same target, with a new I°.
+    pub fn change_settings(&mut self, patch: &Value) -> Result<&TaskSettings, ErrorReply> {
+        let settings = self.settings.merge_patch(patch).map_err(|error| ErrorReply::from(&error))?;
+        if settings.frames != self.settings.frames || settings.lease != self.settings.lease {
+            let error = "frames and lease are fixed when a task is created; create another task";
+            return Err(ErrorReply::new(ErrorCode::NotSupported, error));
+        }
+        if let Some(target) = self.target.as_ref() {
+            self.target = Some(self.make_target(target.sent.clone(), &settings)?);
+            self.life.law_changed();
+        }
+        self.settings = settings;
+        Ok(&self.settings)
+    }
+
+    /// Decodes a target and makes the law for it.
+    fn make_target(&mut self, mut sent: SentTarget, settings: &TaskSettings) -> Result<Target, ErrorReply> {
+        let bad = |error: &dyn std::fmt::Display| ErrorReply::new(ErrorCode::BadTarget, error);
+        let decoded = self
+            .decoder
+            .decode(Some(&sent.header), &sent.encoding, &sent.payload, self.limits)
+            .map_err(|error| bad(&error))?;
+        let mut image = decoded.image.clone();
+        sent.size = [image.width(), image.height()];
+        let camera = settings.camera;
+        if sent.size != [camera.width as usize, camera.height as usize] {
+            let [width, height] = sent.size;
+            let error = format!("the camera has {}x{} pixels, the target {width}x{height}", camera.width, camera.height);
+            return Err(bad(&error));
+        }
+        if settings.preprocess.invert {
+            invert(&mut image);
+        }
+        let contrast = contrast(&image);
+        if contrast < FLAT_BELOW {
+            return Err(bad(&format!("the target is flat: its contrast must be at least {FLAT_BELOW}, got {contrast:.4}")));
+        }
+        let (depth, filled) = target_depth(settings.depth, decoded.depth).map_err(|error| bad(&error))?;
+        let law = law(settings).map_err(|error| bad(&error))?;
+        let intrinsics = intrinsics(&camera).map_err(|error| bad(&error))?;
+        let view = View { image: &image, depth: &depth };
+        let servo = Servo::new(law, intrinsics, view).map_err(|error| bad(&error))?;
+        Ok(Target { servo, typical_depth_m: typical_depth_m(&depth), depth, filled, sent })
+    }
+
+    /// What a pushed frame's silence is judged by.
+    pub fn watchdog(&self) -> Duration {
+        Duration::from_millis(u64::from(self.settings.watchdog_ms()))
+    }
+}
+
+/// The desired view's depth, and whether holes in it were filled.
+fn target_depth(source: settings::Depth, plane: Option<&Plane<f32>>) -> Result<(Depth<f32>, bool), String> {
+    let fallback_m = match source {
+        settings::Depth::ConstantM(depth_m) => return Ok((Depth::Constant { depth_m }, false)),
+        settings::Depth::Map { fallback_m } => fallback_m,
+        settings::Depth::Target => None,
+    };
+    let Some(plane) = plane else {
+        return match fallback_m {
+            Some(depth_m) => Ok((Depth::Constant { depth_m }, true)),
+            None => Err("the settings take depth from the target, and it has no depth plane".to_owned()),
+        };
+    };
+    let fill = fallback_m.map_or(HoleFill::Median, HoleFill::Constant);
+    let map = DepthMap::from_metres(plane, fill).map_err(|error| error.to_string())?;
+    let (unknown, pixels) = (map.unknown(), plane.samples().len());
+    if fallback_m.is_none() && 2 * unknown > pixels {
+        return Err(format!("the depth of {unknown} of {pixels} pixels of the target is unknown, more than half"));
+    }
+    Ok((Depth::Map(map), unknown > 0))
+}
+
+fn typical_depth_m(depth: &Depth<f32>) -> f64 {
+    match depth {
+        Depth::Constant { depth_m } => *depth_m,
+        Depth::Map(map) => {
+            let inverse = map.inverse_per_m().samples();
+            let sum: f64 = inverse.iter().map(|&zeta| f64::from(zeta)).sum();
+            inverse.len() as f64 / sum
+        }
+    }
+}

@@ -1,0 +1,458 @@
+//! One worker: its session, its keys, its tasks. The registrar thread creates and closes tasks, the clock
+//! watches them, the pool computes.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, mpsc};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime};
+
+use domvs_proto::body;
+use domvs_proto::frame::Secret;
+use domvs_proto::keys::{Keys, Name, TaskKey};
+use domvs_proto::messages::{CreateReply, ErrorCode, ErrorReply, WorkerInfo};
+use domvs_proto::settings::TaskSettings;
+use domvs_proto::status::Status;
+use domvs_proto::twist::TwistMessage;
+use zenoh::Session;
+use zenoh::bytes::ZBytes;
+use zenoh::key_expr::KeyExpr;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::query::{Query, Queryable};
+use zenoh::sample::{Sample, SampleKind};
+
+use crate::board::Board;
+use crate::config::ServerConfig;
+use crate::decode::DecodeLimits;
+use crate::desk::{Desk, LeaseWatch, Order, lock, reply_error, reply_json};
+use crate::endpoints::{Endpoints, Publications, command};
+use crate::governor::Governor;
+use crate::law::acceleration_limits;
+use crate::mailbox::Mailbox;
+use crate::outlet::Outlet;
+use crate::pool::Pool;
+use crate::record::{RecordError, Recorder};
+use crate::task::Task;
+use crate::{Moment, clock};
+
+/// Jobs that may wait for the registrar; more are dropped, and their clients see an empty answer.
+const JOBS: usize = 256;
+/// Clients whose tokens are remembered.
+const CLIENTS: usize = 10_000;
+/// Frames that may wait for the disk.
+const RECORDED_FRAMES: usize = 64;
+/// How long the end of a recording may take.
+const RECORD_CLOSE: Duration = Duration::from_secs(1);
+
+/// Why a worker could not start.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ServiceError {
+    /// Zenoh refused a declaration.
+    #[error("cannot declare the worker's keys: {0}")]
+    Zenoh(String),
+    /// The prefix is not one.
+    #[error(transparent)]
+    Prefix(#[from] domvs_proto::keys::KeyError),
+    /// No thread could be started.
+    #[error("cannot start a thread: {0}")]
+    Thread(#[from] std::io::Error),
+    /// The recording could not begin.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+}
+
+impl From<zenoh::Error> for ServiceError {
+    fn from(error: zenoh::Error) -> ServiceError {
+        ServiceError::Zenoh(error.to_string())
+    }
+}
+
+/// A running worker. Ends with [`Service::shutdown`].
+pub struct Service {
+    shared: Arc<Shared>,
+    _queryables: Vec<Queryable<()>>,
+    _subscribers: Vec<Subscriber<()>>,
+    _alive: LivelinessToken,
+    clock: (mpsc::SyncSender<()>, JoinHandle<()>),
+    registrar: JoinHandle<()>,
+}
+
+/// What every part of a worker may use.
+pub(crate) struct Shared {
+    pub(crate) worker: Name,
+    pub(crate) keys: Keys,
+    pub(crate) config: ServerConfig,
+    pub(crate) session: Session,
+    pub(crate) pool: Pool,
+    pub(crate) recorder: Option<Recorder>,
+    desks: Mutex<HashMap<TaskKey, Arc<Desk>>>,
+    clients: Mutex<HashSet<Name>>,
+    jobs: flume::Sender<Job>,
+    origin: Instant,
+    wall_origin_ns: u64,
+    busy_ns: AtomicU64,
+    load: AtomicU64,
+}
+
+/// What the registrar does, so that neither callbacks nor compute threads have to.
+pub(crate) enum Job {
+    Create(Query),
+    Info(Query),
+    /// A query on a task's key that no task of this worker answers.
+    Unclaimed(Query),
+    OrderRefused(Order),
+    TwistRefused(Arc<Desk>, Query, Status),
+    Close(TaskKey),
+    Shutdown,
+}
+
+impl Service {
+    /// Starts a worker in `session`, which it owns from now on. When this returns, the worker can be asked.
+    pub async fn start(config: ServerConfig, session: Session) -> Result<Service, ServiceError> {
+        let (jobs, waiting) = flume::bounded(JOBS);
+        let shared = Arc::new(Shared::new(config, session, jobs)?);
+        let registrar = {
+            let shared = Arc::clone(&shared);
+            spawn("domvs-registrar", move || Registrar { shared, endpoints: HashMap::new() }.run(&waiting))?
+        };
+        let (closing, closed) = mpsc::sync_channel(1);
+        let clock = {
+            let shared = Arc::clone(&shared);
+            spawn("domvs-clock", move || clock::run(&shared, &closed))?
+        };
+        let (queryables, subscribers) = declare(&shared).await?;
+        let alive = shared.session.liveliness().declare_token(shared.keys.worker_alive(&shared.worker)).await?;
+        tracing::info!(worker = %shared.worker, threads = shared.config.compute_threads(), "ready");
+        Ok(Service {
+            shared,
+            _queryables: queryables,
+            _subscribers: subscribers,
+            _alive: alive,
+            clock: (closing, clock),
+            registrar,
+        })
+    }
+
+    /// The name of this worker.
+    pub fn worker(&self) -> &Name {
+        &self.shared.worker
+    }
+
+    /// Zeros for every task, then the end of the session, the threads and the recording.
+    pub async fn shutdown(self) {
+        let (closing, clock) = self.clock;
+        drop(closing);
+        join(clock).await;
+        self.shared.pool.close();
+        for desk in self.shared.desks() {
+            lock(&desk.outlet).halt(Some(Status::OwnerLost), self.shared.now());
+            lock(&desk.board).say(Status::OwnerLost, None);
+            if let Some(message) = lock(&desk.board).due(self.shared.now()) {
+                desk.publications.status(&body::write(&message));
+            }
+        }
+        // The registrar empties its queue before it sees this, unless the queue is full: then it ends with the session.
+        if self.shared.jobs.send_timeout(Job::Shutdown, Duration::from_millis(200)).is_ok() {
+            join(self.registrar).await;
+        }
+        if let Err(error) = self.shared.session.close().await {
+            tracing::warn!(%error, "the session did not close cleanly");
+        }
+        if let Some(recorder) = &self.shared.recorder {
+            match recorder.close(RECORD_CLOSE) {
+                Ok(counts) => tracing::info!(?counts, "recording finished"),
+                Err(error) => tracing::error!(%error, "recording"),
+            }
+        }
+        tracing::info!(worker = %self.shared.worker, "stopped");
+    }
+}
+
+impl Shared {
+    fn new(config: ServerConfig, session: Session, jobs: flume::Sender<Job>) -> Result<Shared, ServiceError> {
+        let worker = config.worker_name();
+        let wall = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let recorder = match config.record.as_os_str().is_empty() {
+            true => None,
+            false => {
+                let stem = format!("{worker}-{}", wall.as_millis());
+                Some(Recorder::start(&config.record, &stem, worker.as_str(), RECORDED_FRAMES)?)
+            }
+        };
+        Ok(Shared {
+            keys: Keys::new(&config.prefix)?,
+            pool: Pool::start(config.compute_threads())?,
+            worker,
+            config,
+            session,
+            recorder,
+            desks: Mutex::default(),
+            clients: Mutex::default(),
+            jobs,
+            origin: Instant::now(),
+            wall_origin_ns: u64::try_from(wall.as_nanos()).unwrap_or(u64::MAX),
+            busy_ns: AtomicU64::new(0),
+            load: AtomicU64::new(0),
+        })
+    }
+
+    /// Now, by the worker's clock.
+    pub(crate) fn now(&self) -> Moment {
+        self.origin.elapsed()
+    }
+
+    /// A moment as wall-clock time, for recordings only.
+    pub(crate) fn wall_ns(&self, moment: Moment) -> u64 {
+        self.wall_origin_ns.saturating_add(u64::try_from(moment.as_nanos()).unwrap_or(u64::MAX))
+    }
+
+    pub(crate) fn desks(&self) -> Vec<Arc<Desk>> {
+        lock(&self.desks).values().cloned().collect()
+    }
+
+    pub(crate) fn client_is_alive(&self, client: &Name) -> bool {
+        lock(&self.clients).contains(client)
+    }
+
+    /// Hands a job to the registrar without waiting. A job that finds no room is dropped: its client sees an
+    /// empty answer and asks again, and the clock asks again for a closing.
+    pub(crate) fn give(&self, job: Job) {
+        if self.jobs.try_send(job).is_err() {
+            tracing::warn!("the registrar is busy; a request was dropped");
+        }
+    }
+
+    pub(crate) fn add_busy(&self, busy: Duration) {
+        self.busy_ns.fetch_add(u64::try_from(busy.as_nanos()).unwrap_or(0), Ordering::Relaxed);
+    }
+
+    pub(crate) fn busy(&self) -> Duration {
+        Duration::from_nanos(self.busy_ns.load(Ordering::Relaxed))
+    }
+
+    pub(crate) fn set_load(&self, load: f64) {
+        self.load.store(load.to_bits(), Ordering::Relaxed);
+    }
+
+    fn info(&self) -> WorkerInfo {
+        WorkerInfo {
+            tasks: lock(&self.desks).len() as u32,
+            capacity: self.config.limits.tasks as u32,
+            load: f64::from_bits(self.load.load(Ordering::Relaxed)),
+            threads: self.config.compute_threads() as u32,
+            max_pixels: self.config.limits.pixels_per_frame as u64,
+            max_payload_bytes: self.config.limits.bytes_per_payload as u64,
+            uptime_s: self.now().as_secs_f64(),
+            ..WorkerInfo::new(self.worker.clone())
+        }
+    }
+}
+
+/// The worker's own keys.
+async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec<Subscriber<()>>)> {
+    let (session, keys, worker) = (&shared.session, &shared.keys, &shared.worker);
+    let give = |job: fn(Query) -> Job| {
+        let shared = Arc::clone(shared);
+        move |query: Query| shared.give(job(query))
+    };
+    let clients = {
+        let shared = Arc::clone(shared);
+        move |sample: Sample| note_client(&shared, &sample)
+    };
+    let stop = {
+        let shared = Arc::clone(shared);
+        move |_: Sample| shared.desks().iter().for_each(|desk| desk.request_halt(Status::Stopped))
+    };
+    let subscribers = vec![
+        session.liveliness().declare_subscriber(keys.clients_alive()).history(true).callback(clients).await?,
+        session.declare_subscriber(keys.stop()).callback(stop).await?,
+    ];
+    let queryables = vec![
+        session.declare_queryable(keys.creates(worker)).complete(true).callback(give(Job::Create)).await?,
+        // Not complete: a task's own keys are, and they win. What nobody owns lands here.
+        session.declare_queryable(keys.tasks()).complete(false).callback(give(Job::Unclaimed)).await?,
+        session.declare_queryable(keys.worker_info(worker)).complete(true).callback(give(Job::Info)).await?,
+    ];
+    Ok((queryables, subscribers))
+}
+
+fn note_client(shared: &Shared, sample: &Sample) {
+    let Some(client) = shared.keys.parse_client_alive(sample.key_expr().as_str()) else { return };
+    let mut clients = lock(&shared.clients);
+    match sample.kind() {
+        SampleKind::Put if clients.len() < CLIENTS => {
+            clients.insert(client);
+        }
+        SampleKind::Put => tracing::warn!(%client, "too many clients; this one's lease is not watched"),
+        SampleKind::Delete => {
+            clients.remove(&client);
+        }
+    }
+}
+
+/// Creates and closes tasks, one after another, on a thread of its own.
+struct Registrar {
+    shared: Arc<Shared>,
+    endpoints: HashMap<TaskKey, Endpoints>,
+}
+
+impl Registrar {
+    fn run(mut self, jobs: &flume::Receiver<Job>) {
+        while let Ok(job) = jobs.recv() {
+            match job {
+                Job::Create(query) => self.answer_create(&query),
+                Job::Info(query) => reply_json(&query, &body::write(&self.shared.info())),
+                Job::Unclaimed(query) => self.answer_unclaimed(&query),
+                Job::OrderRefused(order) => refuse_order(&order),
+                Job::TwistRefused(desk, query, status) => desk.refuse_twist(&query, status),
+                Job::Close(task) => self.close(&task),
+                Job::Shutdown => break,
+            }
+        }
+    }
+
+    fn answer_create(&mut self, query: &Query) {
+        match self.create(query) {
+            Ok(reply) => reply_json(query, &body::write(&reply)),
+            Err(error) => reply_error(query, &error),
+        }
+    }
+
+    fn create(&mut self, query: &Query) -> Result<CreateReply, ErrorReply> {
+        let shared = &self.shared;
+        let bad_name = || {
+            let error = format!("{} has no client name of 1 to 64 of A-Z a-z 0-9 _ -", query.key_expr());
+            ErrorReply::new(ErrorCode::BadName, error)
+        };
+        let (_, client) = shared.keys.parse_create(query.key_expr().as_str()).ok_or_else(bad_name)?;
+        self.check_quota(&client)?;
+        let size = query.payload().map_or(0, ZBytes::len);
+        if size > body::MAX_JSON_BYTES {
+            let error = format!("settings may have {} bytes, got {size}", body::MAX_JSON_BYTES);
+            return Err(ErrorReply::new(ErrorCode::TooLarge, error));
+        }
+        let settings = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
+        let settings = TaskSettings::from_create_body(&settings).map_err(|error| ErrorReply::from(&error))?;
+        self.check_settings(&settings)?;
+        let internal = |error: zenoh::Error| ErrorReply::new(ErrorCode::Internal, error);
+        let desk = Arc::new(new_desk(shared, client, &settings).map_err(internal)?);
+        let endpoints = Endpoints::declare(&desk, &settings.frames).map_err(internal)?;
+        let reply = CreateReply { task: desk.key.clone(), epoch: desk.epoch, secret: desk.secret.clone() };
+        self.endpoints.insert(desk.key.clone(), endpoints);
+        lock(&shared.desks).insert(desk.key.clone(), Arc::clone(&desk));
+        desk.created();
+        tracing::info!(task = %desk.key, method = settings.method.word(), "created");
+        Ok(reply)
+    }
+
+    fn check_quota(&self, client: &Name) -> Result<(), ErrorReply> {
+        let desks = lock(&self.shared.desks);
+        let limits = &self.shared.config.limits;
+        let of_client = desks.keys().filter(|task| task.client == *client).count();
+        let quota = |what: &str, limit: usize| Err(ErrorReply::new(ErrorCode::Quota, format!("{what} may have {limit} tasks, and has them")));
+        if desks.len() >= limits.tasks {
+            return quota("this worker", limits.tasks);
+        }
+        if of_client >= limits.tasks_per_client {
+            return quota(&format!("client {client}"), limits.tasks_per_client);
+        }
+        Ok(())
+    }
+
+    fn check_settings(&self, settings: &TaskSettings) -> Result<(), ErrorReply> {
+        let limit = self.shared.config.limits.pixels_per_frame as u64;
+        let pixels = u64::from(settings.camera.width) * u64::from(settings.camera.height);
+        if pixels > limit {
+            return Err(ErrorReply::new(ErrorCode::Quota, format!("an image may have {limit} pixels, the camera has {pixels}")));
+        }
+        if let domvs_proto::settings::Frames::Key(key) = &settings.frames
+            && let Err(error) = KeyExpr::new(key.as_str())
+        {
+            return Err(ErrorReply::new(ErrorCode::BadSettings, format!("frames.key: {error}")));
+        }
+        Ok(())
+    }
+
+    /// A task's key that no task answers. With a wildcard somebody is gathering; silence is right then.
+    fn answer_unclaimed(&self, query: &Query) {
+        let key = query.key_expr();
+        if key.is_wild() {
+            return;
+        }
+        match self.shared.keys.parse_task(key.as_str()) {
+            Some((task, _)) if lock(&self.shared.desks).contains_key(&task) => {}
+            Some((task, _)) => {
+                let error = format!("there is no task {task}; it may have been closed");
+                reply_error(query, &ErrorReply::new(ErrorCode::UnknownTask, error));
+            }
+            None => reply_error(query, &ErrorReply::new(ErrorCode::BadName, format!("{key} is not a key of a task"))),
+        }
+    }
+
+    fn close(&mut self, task: &TaskKey) {
+        let Some(desk) = lock(&self.shared.desks).remove(task) else { return };
+        self.endpoints.remove(task);
+        lock(&desk.outlet).halt(Some(Status::Stopped), self.shared.now());
+        tracing::info!(%task, "closed");
+    }
+}
+
+fn refuse_order(order: &Order) {
+    let busy = ErrorReply::new(ErrorCode::Quota, "too many requests wait for this task; ask again");
+    match order {
+        Order::Control(query) | Order::Settings(query) | Order::Target(query, _) | Order::State(query) => {
+            reply_error(query, &busy);
+        }
+        Order::Wake => {}
+    }
+}
+
+fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zenoh::Result<Desk> {
+    let id = format!("{:08x}", rand::random::<u32>());
+    let key = TaskKey { client, id: Name::try_from(id.as_str()).expect("hexadecimal digits are a name") };
+    let limits = DecodeLimits {
+        max_pixels: shared.config.limits.pixels_per_frame as u64,
+        max_bytes: shared.config.limits.bytes_per_payload,
+    };
+    let task = Task::new(settings.clone(), limits);
+    let period = Duration::from_secs_f64(settings.frame_period_s);
+    let governor = Governor::new(acceleration_limits(settings), task.watchdog(), period);
+    let (epoch, born) = (epoch(&shared.worker), shared.now());
+    let first = TwistMessage { epoch, valid_ms: settings.watchdog_ms(), ..TwistMessage::zero(task.status()) };
+    Ok(Desk {
+        publications: Publications::declare(&shared.session, &shared.keys, &key)?,
+        outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?)),
+        board: Mutex::new(Board::new(key.clone(), epoch, born)),
+        mailbox: Mailbox::new(shared.config.mailbox_depth),
+        task: Mutex::new(task),
+        secret: Secret::new(rand::random()),
+        shared: Arc::clone(shared),
+        halt: Mutex::new(None),
+        lease: Mutex::new(LeaseWatch::default()),
+        doubtful_until_ns: AtomicU64::new(0),
+        closing: AtomicBool::new(false),
+        scheduled: AtomicBool::new(false),
+        key,
+        epoch,
+        born,
+    })
+}
+
+/// Generation 1 and 16 bits of the worker's name (FNV-1a, folded), so that two workers do not share an epoch.
+fn epoch(worker: &Name) -> u32 {
+    let hash = worker.as_str().bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+    1 << 16 | (hash >> 16 ^ hash) & 0xffff
+}
+
+fn spawn(name: &str, body: impl FnOnce() + Send + 'static) -> std::io::Result<JoinHandle<()>> {
+    std::thread::Builder::new().name(name.to_owned()).spawn(body)
+}
+
+async fn join(thread: JoinHandle<()>) {
+    let joined = tokio::task::spawn_blocking(move || thread.join().is_ok()).await;
+    if !matches!(joined, Ok(true)) {
+        tracing::error!("a thread of the worker ended by a panic");
+    }
+}
