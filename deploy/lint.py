@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import tomllib
 
 import json5
 import yaml
@@ -69,6 +70,14 @@ def check_entries(path, expected):
         assert read.get(entry) == written, f"{entry} is {written}, but Zenoh reads {read.get(entry)}"
     for entry, value in expected.items():
         assert read[entry] == value, f"{entry} must be {value}, got {read[entry]}"
+
+
+def check_size_limit():
+    """The largest payload that the service takes gets through Zenoh, with a MiB to spare for key and header."""
+    largest = tomllib.loads((DEPLOY / "server.toml").read_text())["limits"]["bytes_per_payload"]
+    for path in (ROUTER, CLIENT):
+        size = json5.loads(path.read_text())["transport"]["link"]["rx"]["max_message_size"]
+        assert size >= largest + 2**20, f"{path.name}: max_message_size {size} is too small for payloads of {largest}"
 
 
 def check_opened():
@@ -214,20 +223,23 @@ def check_commands():
 
 
 def check_readme():
-    """README.md names every file of this folder and no other."""
+    """README.md names every file of this folder, and no file that does not exist."""
     present = {str(path.relative_to(DEPLOY)) for path in DEPLOY.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
     text = README.read_text()
     unnamed = [path for path in sorted(present - {README.name}) if f"`{path}`" not in text]
     assert not unnamed, f"README.md does not name {unnamed}"
-    shaped = re.findall(r"`(?:deploy/)?((?:zenoh/|systemd/)?[\w.-]+\.(?:json5|toml|service|yaml|py))`", text)
-    absent = [path for path in shaped if path not in present]
+    named = re.findall(r"`([\w./-]+\.(?:json5|toml|service|yaml|py))`", text)
+    places = (DEPLOY, DEPLOY / "zenoh", ROOT)
+    absent = [path for path in named if not any((place / path).exists() for place in places)]
     assert not absent, f"README.md names {absent}, which do not exist"
+
 
 
 def checks():
     """(name, check); what cannot be checked on this machine is said instead."""
     yield "router.json5", lambda: check_entries(ROUTER, IN_BOTH | {"mode": "router"})
     yield "client.json5", lambda: check_entries(CLIENT, IN_BOTH | IN_CLIENT)
+    yield "the largest message", check_size_limit
     yield "router and client open on loopback", check_opened
     yield "Containerfile", check_containerfile
     yield "what the Containerfile copies", check_copied
