@@ -37,6 +37,7 @@ fn keys_are_those_of_the_design() {
     assert_eq!(keys.settings(&task()), "domvs/task/alice/t-1/settings");
     assert_eq!(keys.control(&task()), "domvs/task/alice/t-1/control");
     assert_eq!(keys.state(&task()), "domvs/task/alice/t-1/state");
+    assert_eq!(keys.tasks(), "domvs/task/**");
     assert_eq!(keys.commands(), "domvs/task/*/*/command");
     assert_eq!(keys.statuses(), "domvs/task/*/*/status");
     assert_eq!(keys.client_alive(&a), "domvs/client/alice/alive");

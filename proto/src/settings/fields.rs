@@ -52,6 +52,8 @@ pub fn table() -> String {
     {
         let path = format!("/{}", name.replace('.', "/"));
         let default = match defaults.pointer(&path) {
+            // The parts of an object have rows of their own.
+            Some(value) if value.is_object() => "`{…}`".to_owned(),
             Some(value) => format!("`{value}`"),
             None if name.starts_with("camera.") => "required".to_owned(),
             None => "–".to_owned(),
@@ -144,7 +146,7 @@ pub const FIELDS: &[Field] = &[
     field(
         "gain.adaptive.at_infinity",
         Between(1e-3, 100.0),
-        "λ far away, 1/s; at most `at_zero`",
+        "λ far away, 1/s; below `at_zero`",
     ),
     field(
         "gain.adaptive.slope_at_zero",
@@ -291,7 +293,7 @@ pub const FIELDS: &[Field] = &[
     field(
         "frames",
         Words("`\"requests\"`, `\"pushed\"`, `{\"key\": \"…\"}`"),
-        "requests on `twist`; frames pushed on the task's `frame`; on a camera's key",
+        "how frames come: requests on `twist`, pushed on the task's `frame`, pushed on a camera's key; fixed on create",
     ),
     field("ros2", Words("null"), "not supported by this version"),
     field(
@@ -307,7 +309,7 @@ pub const FIELDS: &[Field] = &[
     field(
         "lease",
         Words("`client`, `none`"),
-        "whether the task halts when the client's token goes",
+        "whether the task halts when the client's token goes; fixed on create",
     ),
     field(
         "idle_close_s",

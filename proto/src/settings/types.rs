@@ -133,7 +133,7 @@ pub enum Gain {
 pub struct AdaptiveGain {
     /// λ at the target, 1/s.
     pub at_zero: f64,
-    /// λ far away, 1/s; at most `at_zero`.
+    /// λ far away, 1/s; below `at_zero`.
     pub at_infinity: f64,
     /// How fast λ falls at the target, 1/s per unit of √pixel_mse.
     pub slope_at_zero: f64,
@@ -278,16 +278,16 @@ impl Default for Stop {
     }
 }
 
-/// How frames come in.
+/// How frames come in: chooses the default gain, and what is subscribed besides the task's own `frame` key.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Frames {
-    /// With requests on `twist`; nothing is subscribed, and `command` carries zeros only.
+    /// With requests on `twist`.
     #[default]
     Requests,
     /// Pushed on the task's own `frame` key.
     Pushed,
-    /// Pushed on this key by a camera of our own format.
+    /// Pushed on this key too, by a camera of our own format.
     Key(String),
 }
 

@@ -112,9 +112,9 @@ fn check_gain(gain: Gain) -> Result<(), SettingsError> {
             check("gain.adaptive.at_zero", gain.at_zero)?;
             check("gain.adaptive.at_infinity", gain.at_infinity)?;
             check("gain.adaptive.slope_at_zero", gain.slope_at_zero)?;
-            if gain.at_infinity > gain.at_zero {
+            if gain.at_infinity >= gain.at_zero {
                 return contradiction(format!(
-                    "gain.adaptive.at_infinity must be at most at_zero {}, got {}",
+                    "gain.adaptive.at_infinity must be below at_zero {}, got {}",
                     gain.at_zero, gain.at_infinity
                 ));
             }
