@@ -46,7 +46,7 @@ impl AgeEstimator {
         }
         let difference = received.as_nanos() as i128 - i128::from(capture_time_ns);
         let went_back = capture_time_ns <= self.last_capture_ns;
-        self.window.retain(|&(seen, _)| received.saturating_sub(seen) <= WINDOW || self.jump.is_some());
+        self.forget(received);
         let Some(&(_, smallest)) = self.window.front() else {
             self.restart(difference, received, capture_time_ns);
             return Age::Fresh;
@@ -84,6 +84,13 @@ impl AgeEstimator {
             self.jump = Some((since, low, high));
         }
         Age::Stale
+    }
+
+    /// Drops what is older than the window, but never the last: after a long silence, what comes first may be old.
+    fn forget(&mut self, received: Moment) {
+        while self.window.len() > 1 && self.window.front().is_some_and(|&(seen, _)| received.saturating_sub(seen) > WINDOW) {
+            self.window.pop_front();
+        }
     }
 
     fn restart(&mut self, difference: i128, received: Moment, capture_time_ns: u64) {
@@ -148,6 +155,13 @@ mod tests {
             assert!(verdict == Age::Stale || age_ms <= 205, "a frame {age_ms} ms old counted as fresh");
         }
         assert_eq!(judge(&mut estimator, 6200, 6205), Age::Fresh);
+    }
+
+    #[test]
+    fn a_backlog_after_a_long_silence_is_as_stale_as_after_a_short_one() {
+        let mut estimator = settled();
+        assert_eq!(judge(&mut estimator, 2000, 62_000), Age::Stale);
+        assert_eq!(judge(&mut estimator, 61_995, 62_000), Age::Fresh);
     }
 
     #[test]
