@@ -23,10 +23,6 @@ impl PinholeCamera {
     ) -> Result<PinholeCamera, CameraError> {
         let focal_px = width as f64 / 2.0 / (horizontal_fov_rad / 2.0).tan();
         let center_px = [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0];
-        Ok(PinholeCamera {
-            intrinsics: Intrinsics::new([focal_px, focal_px], center_px)?,
-            width,
-            height,
-        })
+        Ok(PinholeCamera { intrinsics: Intrinsics::new([focal_px, focal_px], center_px)?, width, height })
     }
 }

@@ -28,34 +28,21 @@ pub struct Disturbance {
 
 impl Default for Disturbance {
     fn default() -> Self {
-        Disturbance {
-            noise_std: 0.0,
-            gain: 1.0,
-            offset: 0.0,
-            latency: Duration::ZERO,
-            seed: 1,
-        }
+        Disturbance { noise_std: 0.0, gain: 1.0, offset: 0.0, latency: Duration::ZERO, seed: 1 }
     }
 }
 
 impl Disturbance {
     /// The same noise under undisturbed light: for a desired image, taken on a better day.
     pub fn without_light(self) -> Disturbance {
-        Disturbance {
-            gain: 1.0,
-            offset: 0.0,
-            ..self
-        }
+        Disturbance { gain: 1.0, offset: 0.0, ..self }
     }
 
     /// Spoils `image`. The noise is a function of the seed and of `frame` alone, so any frame can be made again.
     pub fn apply(&self, image: &mut Plane<f32>, frame: u64) {
         if self.gain != 1.0 || self.offset != 0.0 {
             let (gain, offset) = (self.gain as f32, self.offset as f32);
-            image
-                .samples_mut()
-                .iter_mut()
-                .for_each(|gray| *gray = (gain * *gray + offset).clamp(0.0, 1.0));
+            image.samples_mut().iter_mut().for_each(|gray| *gray = (gain * *gray + offset).clamp(0.0, 1.0));
         }
         if self.noise_std > 0.0 {
             let mut rng = ChaCha8Rng::seed_from_u64(self.seed);

@@ -112,10 +112,7 @@ impl FreeCamera {
             return Err(CommandRefused::StopAll);
         } else {
             self.twist = twist;
-            self.until = now
-                + self
-                    .patience
-                    .min(Duration::from_millis(u64::from(message.valid_ms)));
+            self.until = now + self.patience.min(Duration::from_millis(u64::from(message.valid_ms)));
             self.motion = Motion::Moving;
         }
         Ok(())

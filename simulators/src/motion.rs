@@ -43,23 +43,14 @@ pub fn exp(xi: [f64; 6]) -> Isometry3<f64> {
     let theta = w.norm();
     // Below this the series is exact to f64: the next terms are theta⁴/720 and theta⁴/5040.
     let (a, b) = if theta < 1e-3 {
-        (
-            0.5 - theta * theta / 24.0,
-            1.0 / 6.0 - theta * theta / 120.0,
-        )
+        (0.5 - theta * theta / 24.0, 1.0 / 6.0 - theta * theta / 120.0)
     } else {
         // 1 - cos theta, without the cancellation.
-        (
-            2.0 * (theta / 2.0).sin().powi(2) / theta.powi(2),
-            (theta - theta.sin()) / theta.powi(3),
-        )
+        (2.0 * (theta / 2.0).sin().powi(2) / theta.powi(2), (theta - theta.sin()) / theta.powi(3))
     };
     let w_v = w.cross(&v);
     let translation = v + a * w_v + b * w.cross(&w_v);
-    Isometry3::from_parts(
-        Translation3::from(translation),
-        UnitQuaternion::from_scaled_axis(w),
-    )
+    Isometry3::from_parts(Translation3::from(translation), UnitQuaternion::from_scaled_axis(w))
 }
 
 /// `log`: the se(3) coordinates `(v, w)` of a rigid motion, with `|w|` at most pi.
@@ -86,10 +77,7 @@ pub fn displacement_to_pose(displacement: [f64; 6]) -> Isometry3<f64> {
 /// How far `pose` is from `desired`, both `world_from_camera`.
 pub fn pose_error(desired: &Isometry3<f64>, pose: &Isometry3<f64>) -> PoseError {
     let left = desired.inverse() * pose;
-    PoseError {
-        mm: left.translation.vector.norm() * 1e3,
-        deg: left.rotation.angle().to_degrees(),
-    }
+    PoseError { mm: left.translation.vector.norm() * 1e3, deg: left.rotation.angle().to_degrees() }
 }
 
 fn halves([x, y, z, a, b, c]: [f64; 6]) -> (Vector3<f64>, Vector3<f64>) {

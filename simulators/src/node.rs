@@ -82,11 +82,7 @@ pub struct CameraNode {
 
 impl CameraNode {
     /// Opens a session with `config` and flies. Fails on impossible settings and when Zenoh refuses.
-    pub async fn open(
-        config: zenoh::Config,
-        keys: Keys,
-        settings: CameraSettings,
-    ) -> Result<CameraNode, NodeError> {
+    pub async fn open(config: zenoh::Config, keys: Keys, settings: CameraSettings) -> Result<CameraNode, NodeError> {
         let simulation = settings.simulation()?;
         let frame_period = settings.frame_period()?;
         let session = zenoh::open(config).await?;
@@ -97,31 +93,17 @@ impl CameraNode {
         let (truth_sender, truth) = watch::channel(first.clone());
         let outputs = Outputs {
             frames: declare_frames(&session, &keys, &settings).await?,
-            info: session
-                .declare_publisher(keys.camera_info(&settings.name))
-                .encoding(JSON)
-                .await?,
+            info: session.declare_publisher(keys.camera_info(&settings.name)).encoding(JSON).await?,
             info_json: body::write(&settings.info()?),
             truth: truth_sender,
         };
-        let alive = session
-            .liveliness()
-            .declare_token(keys.camera_alive(&settings.name))
-            .await?;
+        let alive = session.liveliness().declare_token(keys.camera_alive(&settings.name)).await?;
         let name = format!("camera {}", settings.name);
         let flight_inbox = Arc::clone(&inbox);
         let thread = std::thread::Builder::new().name(name).spawn(move || {
             Flight::new(settings, simulation, frame_period, outputs, first).run(&flight_inbox);
         })?;
-        Ok(CameraNode {
-            session,
-            inbox,
-            thread: Some(thread),
-            truth,
-            _commands: commands,
-            _stop: stop,
-            _alive: alive,
-        })
+        Ok(CameraNode { session, inbox, thread: Some(thread), truth, _commands: commands, _stop: stop, _alive: alive })
     }
 
     /// Where the camera really is; changes after every move and every event.
@@ -137,11 +119,7 @@ impl CameraNode {
             None => Ok(Ok(())),
         };
         self.session.close().await?;
-        if matches!(landed, Ok(Ok(()))) {
-            Ok(())
-        } else {
-            Err(NodeError::Crashed)
-        }
+        if matches!(landed, Ok(Ok(()))) { Ok(()) } else { Err(NodeError::Crashed) }
     }
 }
 
@@ -169,28 +147,14 @@ async fn declare_frames(
     keys: &Keys,
     settings: &CameraSettings,
 ) -> zenoh::Result<zenoh::pubsub::Publisher<'static>> {
-    let key = settings
-        .frame_key
-        .clone()
-        .unwrap_or_else(|| keys.camera_frame(&settings.name));
-    session
-        .declare_publisher(key)
-        .congestion_control(CongestionControl::Drop)
-        .encoding(RAW)
-        .await
+    let key = settings.frame_key.clone().unwrap_or_else(|| keys.camera_frame(&settings.name));
+    session.declare_publisher(key).congestion_control(CongestionControl::Drop).encoding(RAW).await
 }
 
-async fn listen_to_stop(
-    session: &Session,
-    keys: &Keys,
-    inbox: &Arc<Inbox>,
-) -> zenoh::Result<Subscriber<()>> {
+async fn listen_to_stop(session: &Session, keys: &Keys, inbox: &Arc<Inbox>) -> zenoh::Result<Subscriber<()>> {
     let inbox = Arc::clone(inbox);
     let leave = move |_: Sample| inbox.push(Event::StopAll);
-    session
-        .declare_subscriber(keys.stop())
-        .callback(leave)
-        .await
+    session.declare_subscriber(keys.stop()).callback(leave).await
 }
 
 async fn listen_to_commands(
@@ -212,11 +176,7 @@ async fn listen_to_commands(
         if follow.includes(&task) {
             // The length first: a hostile payload is not worth a copy.
             let payload = sample.payload();
-            let bytes = if payload.len() == TWIST_BYTES {
-                payload.to_bytes().as_ref().try_into().ok()
-            } else {
-                None
-            };
+            let bytes = if payload.len() == TWIST_BYTES { payload.to_bytes().as_ref().try_into().ok() } else { None };
             inbox.push(Event::Command { task, bytes });
         }
     };

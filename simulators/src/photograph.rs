@@ -72,9 +72,7 @@ impl Photograph {
             "brick" => include_bytes!("../photographs/brick.jpg"),
             NOISE => return Ok(Photograph::noise(NOISE_SIZE, NOISE_SEED)),
             _ => {
-                return Err(PhotographError::UnknownName {
-                    name: name.to_owned(),
-                });
+                return Err(PhotographError::UnknownName { name: name.to_owned() });
             }
         };
         Photograph::decode(bytes)
@@ -83,10 +81,7 @@ impl Photograph {
     /// Any PNG or JPEG file; fails when it cannot be read or decoded, or is smaller than 2x2.
     pub fn open(path: impl AsRef<Path>) -> Result<Photograph, PhotographError> {
         let path = path.as_ref();
-        let unreadable = |source| PhotographError::Unreadable {
-            path: path.to_owned(),
-            source,
-        };
+        let unreadable = |source| PhotographError::Unreadable { path: path.to_owned(), source };
         let reader = image::ImageReader::open(path)
             .and_then(image::ImageReader::with_guessed_format)
             .map_err(|error| unreadable(error.into()))?;
@@ -95,8 +90,7 @@ impl Photograph {
 
     /// A PNG or JPEG file that is already in memory; fails like [`Photograph::open`].
     pub fn decode(bytes: &[u8]) -> Result<Photograph, PhotographError> {
-        let picture = image::load_from_memory(bytes)
-            .map_err(|source| PhotographError::Undecodable { source })?;
+        let picture = image::load_from_memory(bytes).map_err(|source| PhotographError::Undecodable { source })?;
         Photograph::from_gray(gray(&picture))
     }
 
@@ -119,16 +113,9 @@ impl Photograph {
             // Amplitude falls slower than 1/frequency, as it does in photographs of rough surfaces.
             add_octave(&mut sum, cells, 0.65_f32.powi(octave), &mut rng);
         }
-        let (low, high) = sum
-            .samples()
-            .iter()
-            .fold((f32::MAX, f32::MIN), |(low, high), &s| {
-                (low.min(s), high.max(s))
-            });
+        let (low, high) = sum.samples().iter().fold((f32::MAX, f32::MIN), |(low, high), &s| (low.min(s), high.max(s)));
         let span = (high - low).max(f32::MIN_POSITIVE);
-        sum.samples_mut()
-            .iter_mut()
-            .for_each(|s| *s = (*s - low) / span);
+        sum.samples_mut().iter_mut().for_each(|s| *s = (*s - low) / span);
         Photograph { gray: sum }
     }
 
@@ -136,9 +123,7 @@ impl Photograph {
     pub fn cropped_square(&self) -> Photograph {
         let size = self.width().min(self.height());
         let (left, top) = ((self.width() - size) / 2, (self.height() - size) / 2);
-        Photograph {
-            gray: Plane::from_fn(size, size, |u, v| self.gray.at(left + u, top + v)),
-        }
+        Photograph { gray: Plane::from_fn(size, size, |u, v| self.gray.at(left + u, top + v)) }
     }
 
     /// Pixels to the right.
@@ -169,9 +154,7 @@ fn gray(picture: &DynamicImage) -> Plane<f32> {
 /// Adds one lattice of `cells` x `cells` random values, joined by smoothstep.
 fn add_octave(sum: &mut Plane<f32>, cells: usize, amplitude: f32, rng: &mut ChaCha8Rng) {
     let mut lattice = Plane::filled(cells + 1, cells + 1, 0.0);
-    lattice
-        .samples_mut()
-        .fill_with(|| rng.gen_range(-amplitude..amplitude));
+    lattice.samples_mut().fill_with(|| rng.gen_range(-amplitude..amplitude));
     let width = sum.width();
     let place = |pixel: usize| {
         let at = (pixel as f32 + 0.5) * cells as f32 / width as f32;
@@ -184,8 +167,7 @@ fn add_octave(sum: &mut Plane<f32>, cells: usize, amplitude: f32, rng: &mut ChaC
         for u in 0..width {
             let (i, t_u) = place(u);
             let top = lattice.at(i, j) + t_u * (lattice.at(i + 1, j) - lattice.at(i, j));
-            let bottom =
-                lattice.at(i, j + 1) + t_u * (lattice.at(i + 1, j + 1) - lattice.at(i, j + 1));
+            let bottom = lattice.at(i, j + 1) + t_u * (lattice.at(i + 1, j + 1) - lattice.at(i, j + 1));
             sum.samples_mut()[v * width + u] += top + t_v * (bottom - top);
         }
     }

@@ -37,11 +37,7 @@ impl Pyramid {
         let last = self.levels.len() - 1;
         let at = log2_texels.clamp(0.0, last as f32);
         let fine = at as usize;
-        Octaves {
-            fine: &self.levels[fine],
-            coarse: &self.levels[(fine + 1).min(last)],
-            blend: at - fine as f32,
-        }
+        Octaves { fine: &self.levels[fine], coarse: &self.levels[(fine + 1).min(last)], blend: at - fine as f32 }
     }
 }
 
@@ -71,22 +67,13 @@ impl Level {
             let start = (v + 1) * (width + 2) + 1;
             padded[start..start + width].copy_from_slice(octave.row(v));
         }
-        Level {
-            width,
-            height,
-            texels_per_base,
-            padded,
-        }
+        Level { width, height, texels_per_base, padded }
     }
 
     fn sample(&self, s: f32, t: f32) -> f32 {
         // Texel centres sit at halves; the padding moves them by one.
-        let (x, y) = (
-            s * self.texels_per_base + 0.5,
-            t * self.texels_per_base + 0.5,
-        );
-        let inside =
-            x >= 0.0 && y >= 0.0 && x < (self.width + 1) as f32 && y < (self.height + 1) as f32;
+        let (x, y) = (s * self.texels_per_base + 0.5, t * self.texels_per_base + 0.5);
+        let inside = x >= 0.0 && y >= 0.0 && x < (self.width + 1) as f32 && y < (self.height + 1) as f32;
         if !inside {
             return 0.0;
         }
@@ -105,11 +92,7 @@ impl Level {
 fn halved(octave: &Plane<f32>) -> Plane<f32> {
     let (width, height) = (octave.width(), octave.height());
     let texel = |u: usize, v: usize| {
-        if u < width && v < height {
-            octave.at(u, v)
-        } else {
-            0.0
-        }
+        if u < width && v < height { octave.at(u, v) } else { 0.0 }
     };
     Plane::from_fn(width.div_ceil(2), height.div_ceil(2), |u, v| {
         let (u, v) = (2 * u, 2 * v);

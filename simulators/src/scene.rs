@@ -24,9 +24,7 @@ const THREADS: usize = 2;
 #[non_exhaustive]
 pub enum SceneError {
     /// A length is zero, negative or not a number.
-    #[error(
-        "width and distance of the photograph must be positive, got {width_m} m and {distance_m} m"
-    )]
+    #[error("width and distance of the photograph must be positive, got {width_m} m and {distance_m} m")]
     LengthNotPositive {
         /// Width of the photograph, m.
         width_m: f64,
@@ -56,17 +54,10 @@ pub struct PlaneScene {
 
 impl PlaneScene {
     /// `photograph`, `width_m` wide, `distance_m` in front of the desired camera; fails when a length is not positive.
-    pub fn new(
-        photograph: &Photograph,
-        width_m: f64,
-        distance_m: f64,
-    ) -> Result<PlaneScene, SceneError> {
+    pub fn new(photograph: &Photograph, width_m: f64, distance_m: f64) -> Result<PlaneScene, SceneError> {
         let positive = |length: f64| length.is_finite() && length > 0.0;
         if !positive(width_m) || !positive(distance_m) {
-            return Err(SceneError::LengthNotPositive {
-                width_m,
-                distance_m,
-            });
+            return Err(SceneError::LengthNotPositive { width_m, distance_m });
         }
         Ok(PlaneScene {
             texture: Pyramid::new(photograph.gray()),
@@ -86,21 +77,13 @@ impl PlaneScene {
     /// What `camera` sees from `pose` (`world_from_camera`). From behind, the plane is black; its depth is true.
     pub fn render(&self, camera: &PinholeCamera, pose: &Isometry3<f64>) -> Rendering {
         let blank = || Plane::filled(camera.width, camera.height, 0.0);
-        let mut rendering = Rendering {
-            image: blank(),
-            depth: blank(),
-        };
+        let mut rendering = Rendering { image: blank(), depth: blank() };
         self.render_into(camera, pose, &mut rendering);
         rendering
     }
 
     /// Like [`PlaneScene::render`], into planes that are already there; other sizes are replaced.
-    pub fn render_into(
-        &self,
-        camera: &PinholeCamera,
-        pose: &Isometry3<f64>,
-        rendering: &mut Rendering,
-    ) {
+    pub fn render_into(&self, camera: &PinholeCamera, pose: &Isometry3<f64>, rendering: &mut Rendering) {
         for plane in [&mut rendering.image, &mut rendering.depth] {
             if (plane.width(), plane.height()) != (camera.width, camera.height) {
                 *plane = Plane::filled(camera.width, camera.height, 0.0);
@@ -120,14 +103,7 @@ impl PlaneScene {
         });
     }
 
-    fn render_band(
-        &self,
-        rays: &Rays,
-        width: usize,
-        first_row: usize,
-        image: &mut [f32],
-        depth: &mut [f32],
-    ) {
+    fn render_band(&self, rays: &Rays, width: usize, first_row: usize, image: &mut [f32], depth: &mut [f32]) {
         let rows = image.chunks_mut(width).zip(depth.chunks_mut(width));
         for (row, (image, depth)) in rows.enumerate() {
             let v = (first_row + row) as f64;
@@ -147,9 +123,7 @@ impl PlaneScene {
         // A centre beyond the horizon may have a corner on this side of it, far away: the coarsest octave.
         let footprint_px2 = depth_m.map_or(f64::MAX, |z| z.powi(3) * rays.footprint_scale);
         // Half of log2 is the footprint's side; one less is the side of a quarter pixel.
-        let octaves = self
-            .texture
-            .octaves(0.5 * (footprint_px2 as f32).log2() - 1.0);
+        let octaves = self.texture.octaves(0.5 * (footprint_px2 as f32).log2() - 1.0);
         let mut sum = 0.0;
         for dv in SUBPIXELS {
             for du in SUBPIXELS {
@@ -209,10 +183,7 @@ impl Rays {
         let r = self.direction(u, v);
         let z = self.height_m / r.z;
         let on_plane = |o: f64, r: f64, middle: f64| (o + z * r) * self.texels_per_m + middle;
-        let texel = [
-            on_plane(self.origin.x, r.x, self.middle[0]),
-            on_plane(self.origin.y, r.y, self.middle[1]),
-        ];
+        let texel = [on_plane(self.origin.x, r.x, self.middle[0]), on_plane(self.origin.y, r.y, self.middle[1])];
         (z > 0.0).then_some(texel)
     }
 }

@@ -55,9 +55,7 @@ pub enum CameraSettingsError {
         rate_hz: f64,
     },
     /// More frames would be on their way than anyone wants to keep.
-    #[error(
-        "expected a latency of at most {MOST_PERIODS_OF_LATENCY} frame periods, {at_most:?}, got {latency:?}"
-    )]
+    #[error("expected a latency of at most {MOST_PERIODS_OF_LATENCY} frame periods, {at_most:?}, got {latency:?}")]
     Latency {
         /// The longest at this rate.
         at_most: Duration,
@@ -73,9 +71,7 @@ pub enum CameraSettingsError {
         height: usize,
     },
     /// A displacement or a disturbance is not finite, or the noise is negative.
-    #[error(
-        "expected finite numbers and noise of at least 0, got {displacement:?} and {disturbance:?}"
-    )]
+    #[error("expected finite numbers and noise of at least 0, got {displacement:?} and {disturbance:?}")]
     NotFinite {
         /// The displacement asked for.
         displacement: [f64; 6],
@@ -154,39 +150,19 @@ impl CameraSettings {
         if !possible.contains(&width) || !possible.contains(&height) {
             return Err(CameraSettingsError::Size { width, height });
         }
-        Ok(PinholeCamera::with_field_of_view(
-            width,
-            height,
-            self.horizontal_fov_rad,
-        )?)
+        Ok(PinholeCamera::with_field_of_view(width, height, self.horizontal_fov_rad)?)
     }
 
     /// The camera in front of its scene, in lock-step; fails when any setting is impossible.
     pub fn simulation(&self) -> Result<Simulation, CameraSettingsError> {
-        let Disturbance {
-            noise_std,
-            gain,
-            offset,
-            ..
-        } = self.disturbance;
+        let Disturbance { noise_std, gain, offset, .. } = self.disturbance;
         let (displacement, disturbance) = (self.displacement, self.disturbance);
-        let finite = displacement
-            .iter()
-            .chain(&[noise_std, gain, offset])
-            .all(|number| number.is_finite());
+        let finite = displacement.iter().chain(&[noise_std, gain, offset]).all(|number| number.is_finite());
         if !finite || noise_std < 0.0 {
-            return Err(CameraSettingsError::NotFinite {
-                displacement,
-                disturbance,
-            });
+            return Err(CameraSettingsError::NotFinite { displacement, disturbance });
         }
         let scene = PlaneScene::new(&self.photograph, self.photograph_width_m, self.distance_m)?;
-        Ok(Simulation::new(
-            scene,
-            self.camera()?,
-            displacement,
-            disturbance,
-        ))
+        Ok(Simulation::new(scene, self.camera()?, displacement, disturbance))
     }
 
     /// What the camera says of itself on the network; fails when the optics or the rate are impossible.
@@ -196,15 +172,7 @@ impl CameraSettings {
         let (width, height) = (self.width as u32, self.height as u32);
         Ok(CameraInfo {
             name: self.name.clone(),
-            camera: Camera {
-                fx,
-                fy,
-                cx,
-                cy,
-                width,
-                height,
-                distortion: None,
-            },
+            camera: Camera { fx, fy, cx, cy, width, height, distortion: None },
             frame_period_s: self.frame_period()?.as_secs_f64(),
             depth: self.depth != DepthPacking::None,
         })

@@ -34,14 +34,7 @@ impl Simulation {
     ) -> Simulation {
         let desired = Isometry3::identity();
         let pose = desired * motion::displacement_to_pose(displacement);
-        Simulation {
-            scene,
-            camera,
-            desired,
-            pose,
-            disturbance,
-            frames: 0,
-        }
+        Simulation { scene, camera, desired, pose, disturbance, frames: 0 }
     }
 
     /// What the camera sees from where it is; every capture has noise of its own.

@@ -18,10 +18,7 @@ struct Bench {
 impl Bench {
     fn new() -> Bench {
         let start = Instant::now();
-        Bench {
-            start,
-            camera: FreeCamera::new(Isometry3::identity(), PATIENCE, start),
-        }
+        Bench { start, camera: FreeCamera::new(Isometry3::identity(), PATIENCE, start) }
     }
 
     fn at(&self, ms: u64) -> Instant {
@@ -46,20 +43,12 @@ impl Bench {
 }
 
 fn servoing(twist: [f64; 6], epoch: u32, valid_ms: u32) -> TwistMessage {
-    TwistMessage {
-        twist,
-        epoch,
-        valid_ms,
-        ..TwistMessage::zero(Status::Servoing)
-    }
+    TwistMessage { twist, epoch, valid_ms, ..TwistMessage::zero(Status::Servoing) }
 }
 
 fn close(got_m: f64, expected_m: f64) {
     // f64 rounding of a few products.
-    assert!(
-        (got_m - expected_m).abs() < 1e-12,
-        "at {got_m} m, expected {expected_m} m"
-    );
+    assert!((got_m - expected_m).abs() < 1e-12, "at {got_m} m, expected {expected_m} m");
 }
 
 #[test]
@@ -76,10 +65,7 @@ fn it_moves_by_the_twist_while_the_command_holds() {
     close(bench.x_at(200), 0.01);
     assert_eq!(bench.camera.motion(), Motion::Moving);
     // The next command takes over where the first had come to.
-    assert_eq!(
-        bench.command(300, servoing([-0.2, 0.0, 0.0, 0.0, 0.0, 0.0], 1, 300)),
-        Ok(())
-    );
+    assert_eq!(bench.command(300, servoing([-0.2, 0.0, 0.0, 0.0, 0.0, 0.0], 1, 300)), Ok(()));
     close(bench.x_at(400), 0.0);
 }
 
@@ -118,22 +104,10 @@ fn zeros_brake_at_once() {
 
 #[test]
 fn every_status_but_servoing_brakes_whatever_the_twist() {
-    for status in Status::ALL
-        .into_iter()
-        .filter(|&status| status != Status::Servoing)
-    {
+    for status in Status::ALL.into_iter().filter(|&status| status != Status::Servoing) {
         let mut bench = Bench::new();
         assert_eq!(bench.command(0, servoing(RIGHT, 1, 300)), Ok(()));
-        assert_eq!(
-            bench.command(
-                100,
-                TwistMessage {
-                    status,
-                    ..servoing(RIGHT, 1, 300)
-                }
-            ),
-            Ok(())
-        );
+        assert_eq!(bench.command(100, TwistMessage { status, ..servoing(RIGHT, 1, 300) }), Ok(()));
         assert!(bench.braked(BrakeReason::Status(status)));
         close(bench.x_at(300), 0.01);
     }
@@ -154,10 +128,7 @@ fn an_unknown_status_on_the_wire_brakes() {
 fn an_older_epoch_is_not_heard() {
     let mut bench = Bench::new();
     assert_eq!(bench.command(0, servoing(RIGHT, 7, 300)), Ok(()));
-    let older = CommandRefused::OlderEpoch {
-        expected: 7,
-        got: 6,
-    };
+    let older = CommandRefused::OlderEpoch { expected: 7, got: 6 };
     assert_eq!(bench.command(100, servoing([9.0; 6], 6, 300)), Err(older));
     close(bench.x_at(200), 0.02);
     assert_eq!(bench.camera.twist(), RIGHT);
@@ -177,10 +148,7 @@ fn what_is_not_finite_is_refused_and_brakes() {
         let mut bench = Bench::new();
         assert_eq!(bench.command(0, servoing(RIGHT, 1, 300)), Ok(()));
         let wild = servoing([0.0, 0.0, 0.0, 0.0, component, 0.0], 1, 300);
-        assert!(matches!(
-            bench.command(100, wild),
-            Err(CommandRefused::NotFinite { .. })
-        ));
+        assert!(matches!(bench.command(100, wild), Err(CommandRefused::NotFinite { .. })));
         assert!(bench.braked(BrakeReason::Untrusted));
         close(bench.x_at(300), 0.01);
     }
@@ -192,24 +160,12 @@ fn after_a_stop_of_everything_only_zeros_set_it_free() {
     assert_eq!(bench.command(0, servoing(RIGHT, 1, 300)), Ok(()));
     let stop = bench.at(100);
     bench.camera.stop_all(stop);
-    assert_eq!(
-        bench.command(110, servoing(RIGHT, 1, 300)),
-        Err(CommandRefused::StopAll)
-    );
+    assert_eq!(bench.command(110, servoing(RIGHT, 1, 300)), Err(CommandRefused::StopAll));
     let doubt = bench.at(120);
     bench.camera.untrusted(doubt);
     assert!(bench.braked(BrakeReason::StopAll));
     close(bench.x_at(200), 0.01);
-    assert_eq!(
-        bench.command(
-            210,
-            TwistMessage {
-                epoch: 1,
-                ..TwistMessage::zero(Status::Stopped)
-            }
-        ),
-        Ok(())
-    );
+    assert_eq!(bench.command(210, TwistMessage { epoch: 1, ..TwistMessage::zero(Status::Stopped) }), Ok(()));
     assert_eq!(bench.command(300, servoing(RIGHT, 1, 300)), Ok(()));
     close(bench.x_at(400), 0.02);
 }

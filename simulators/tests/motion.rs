@@ -1,8 +1,6 @@
 //! SE(3): the closed forms against the definition of the exponential, and the conventions against plain cases.
 
-use domvs_simulators::motion::{
-    EXPERIMENT_1, displacement_to_pose, exp, log, pose_after, pose_error,
-};
+use domvs_simulators::motion::{EXPERIMENT_1, displacement_to_pose, exp, log, pose_after, pose_error};
 use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -18,9 +16,7 @@ fn coordinates(largest_rad: f64) -> Vec<[f64; 6]> {
         let v: [f64; 3] = std::array::from_fn(|_| rng.gen_range(-1.0..1.0));
         [v[0], v[1], v[2], w.x, w.y, w.z]
     };
-    [0.0, 1e-12, 1e-6, 0.9e-3, 1.1e-3, 0.1, 1.0, 0.999]
-        .map(|part| draw(part * largest_rad))
-        .into()
+    [0.0, 1e-12, 1e-6, 0.9e-3, 1.1e-3, 0.1, 1.0, 0.999].map(|part| draw(part * largest_rad)).into()
 }
 
 /// `sum X^k / k!`: the definition.
@@ -66,8 +62,7 @@ fn one_step_is_many_small_steps() {
     // Straight small steps of the plain velocities, no exponential at all: first order in the step.
     let straight = (0..100_000).fold(start, |pose, _| {
         let part = Vector3::new(twist[0], twist[1], twist[2]) * 2.0e-5;
-        let turn =
-            UnitQuaternion::from_scaled_axis(Vector3::new(twist[3], twist[4], twist[5]) * 2.0e-5);
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(twist[3], twist[4], twist[5]) * 2.0e-5);
         pose * Isometry3::from_parts(Translation3::from(part), turn)
     });
     // Half a step of |v||w| over 2 s: 0.5 * 2e-5 * 0.37 * 1.02 * 2 = 8e-6.
@@ -78,11 +73,7 @@ fn one_step_is_many_small_steps() {
 fn the_logarithm_undoes_the_exponential() {
     for xi in coordinates(3.1) {
         let back = log(&exp(xi));
-        let error = xi
-            .iter()
-            .zip(back)
-            .map(|(a, b)| (a - b).abs())
-            .fold(0.0, f64::max);
+        let error = xi.iter().zip(back).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         // Near pi the axis is well known, the angle to 1e-15 / (1 - cos).
         assert!(error < 1e-12, "seed {SEED}, {xi:?}: back as {back:?}");
     }
@@ -101,11 +92,7 @@ fn a_twist_is_in_the_cameras_own_frame() {
 fn the_displacement_is_read_as_log_coordinates() {
     let [x, y, z, a, b, c] = log(&displacement_to_pose(EXPERIMENT_1));
     let back = [x, y, z, a.to_degrees(), b.to_degrees(), c.to_degrees()];
-    let error = EXPERIMENT_1
-        .iter()
-        .zip(back)
-        .map(|(a, b)| (a - b).abs())
-        .fold(0.0, f64::max);
+    let error = EXPERIMENT_1.iter().zip(back).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     // f64 rounding of 30 degrees.
     assert!(error < 1e-13, "{back:?}");
 }
@@ -114,14 +101,10 @@ fn the_displacement_is_read_as_log_coordinates() {
 fn pose_error_is_millimetres_and_degrees() {
     let desired = displacement_to_pose(EXPERIMENT_1);
     let beside = desired * Isometry3::translation(0.003, 0.0, 0.004);
-    let pose =
-        beside * UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.2_f64.to_radians(), 0.0));
+    let pose = beside * UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.2_f64.to_radians(), 0.0));
     let error = pose_error(&desired, &pose);
     // f64 rounding, and the arc cosine's loss near 0 that nalgebra avoids.
-    assert!(
-        (error.mm - 5.0).abs() < 1e-10 && (error.deg - 0.2).abs() < 1e-10,
-        "{error:?}"
-    );
+    assert!((error.mm - 5.0).abs() < 1e-10 && (error.deg - 0.2).abs() < 1e-10, "{error:?}");
     assert!(!error.is_converged());
     assert!(pose_error(&desired, &desired).is_converged());
 }

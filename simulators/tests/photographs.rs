@@ -8,31 +8,15 @@ use domvs_vision::Plane;
 fn deviation(gray: &Plane<f32>) -> f32 {
     let count = gray.samples().len() as f32;
     let mean = gray.samples().iter().sum::<f32>() / count;
-    (gray
-        .samples()
-        .iter()
-        .map(|s| (s - mean).powi(2))
-        .sum::<f32>()
-        / count)
-        .sqrt()
+    (gray.samples().iter().map(|s| (s - mean).powi(2)).sum::<f32>() / count).sqrt()
 }
 
 #[test]
 fn every_bundled_photograph_opens_and_has_texture() {
     for name in Photograph::bundled_names() {
         let photograph = Photograph::bundled(name).expect(name);
-        assert!(
-            photograph.width().min(photograph.height()) >= 300,
-            "{name} is small"
-        );
-        assert!(
-            photograph
-                .gray()
-                .samples()
-                .iter()
-                .all(|gray| (0.0..=1.0).contains(gray)),
-            "{name} is not gray"
-        );
+        assert!(photograph.width().min(photograph.height()) >= 300, "{name} is small");
+        assert!(photograph.gray().samples().iter().all(|gray| (0.0..=1.0).contains(gray)), "{name} is not gray");
         assert!(deviation(photograph.gray()) > 0.08, "{name} is flat");
     }
 }
@@ -40,18 +24,10 @@ fn every_bundled_photograph_opens_and_has_texture() {
 #[test]
 fn every_bundled_file_has_its_licence_note() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("photographs");
-    let notes = std::fs::read_to_string(folder.join("PHOTOGRAPHS.md"))
-        .expect("the list is beside the files");
+    let notes = std::fs::read_to_string(folder.join("PHOTOGRAPHS.md")).expect("the list is beside the files");
     for entry in std::fs::read_dir(folder).expect("the folder is there") {
-        let name = entry
-            .expect("readable")
-            .file_name()
-            .into_string()
-            .expect("names are ASCII");
-        assert!(
-            name == "PHOTOGRAPHS.md" || notes.contains(&format!("`{name}`")),
-            "{name} is not in the list"
-        );
+        let name = entry.expect("readable").file_name().into_string().expect("names are ASCII");
+        assert!(name == "PHOTOGRAPHS.md" || notes.contains(&format!("`{name}`")), "{name} is not in the list");
     }
 }
 
@@ -74,16 +50,9 @@ fn colours_become_gray_by_their_weights() {
         (0, 1) => image::Rgb([0, 0, 255]),
         _ => image::Rgb([255, 255, 255]),
     });
-    colours
-        .write_to(&mut png, image::ImageFormat::Png)
-        .expect("memory takes it");
+    colours.write_to(&mut png, image::ImageFormat::Png).expect("memory takes it");
     let photograph = Photograph::decode(png.get_ref()).expect("a PNG");
-    for (got, expected) in photograph
-        .gray()
-        .samples()
-        .iter()
-        .zip([0.299_f32, 0.587, 0.114, 1.0])
-    {
+    for (got, expected) in photograph.gray().samples().iter().zip([0.299_f32, 0.587, 0.114, 1.0]) {
         // f32 rounding.
         assert!((got - expected).abs() < 1e-7, "{got}, expected {expected}");
     }
@@ -91,14 +60,8 @@ fn colours_become_gray_by_their_weights() {
 
 #[test]
 fn noise_is_the_same_for_the_same_seed() {
-    assert_eq!(
-        Photograph::noise(64, 5).gray(),
-        Photograph::noise(64, 5).gray()
-    );
-    assert_ne!(
-        Photograph::noise(64, 5).gray(),
-        Photograph::noise(64, 6).gray()
-    );
+    assert_eq!(Photograph::noise(64, 5).gray(), Photograph::noise(64, 5).gray());
+    assert_ne!(Photograph::noise(64, 5).gray(), Photograph::noise(64, 6).gray());
 }
 
 #[test]
@@ -106,20 +69,8 @@ fn what_is_no_photograph_is_refused_with_its_name() {
     assert!(
         matches!(Photograph::bundled("mona_lisa"), Err(PhotographError::UnknownName { name }) if name == "mona_lisa")
     );
-    assert!(matches!(
-        Photograph::open("no/such/file.png"),
-        Err(PhotographError::Unreadable { .. })
-    ));
-    assert!(matches!(
-        Photograph::decode(b"not an image"),
-        Err(PhotographError::Undecodable { .. })
-    ));
+    assert!(matches!(Photograph::open("no/such/file.png"), Err(PhotographError::Unreadable { .. })));
+    assert!(matches!(Photograph::decode(b"not an image"), Err(PhotographError::Undecodable { .. })));
     let pixel = Plane::filled(1, 1, 0.0);
-    assert!(matches!(
-        Photograph::from_gray(pixel),
-        Err(PhotographError::TooSmall {
-            width: 1,
-            height: 1
-        })
-    ));
+    assert!(matches!(Photograph::from_gray(pixel), Err(PhotographError::TooSmall { width: 1, height: 1 })));
 }

@@ -67,9 +67,7 @@ impl Flight {
             owner: None,
             schedule: Schedule::new(now, frame_period),
             info_schedule: Schedule::new(now, INFO_PERIOD),
-            rendering: simulation
-                .scene
-                .render(&simulation.camera, &simulation.pose),
+            rendering: simulation.scene.render(&simulation.camera, &simulation.pose),
             in_transit: VecDeque::new(),
             settings,
             simulation,
@@ -96,12 +94,7 @@ impl Flight {
     }
 
     fn next_due(&self) -> Instant {
-        let frame = self
-            .in_transit
-            .front()
-            .map_or(self.schedule.due(), |front| {
-                front.due.min(self.schedule.due())
-            });
+        let frame = self.in_transit.front().map_or(self.schedule.due(), |front| front.due.min(self.schedule.due()));
         frame.min(self.info_schedule.due())
     }
 
@@ -114,9 +107,7 @@ impl Flight {
 
     fn command(&mut self, task: TaskKey, bytes: Option<[u8; TWIST_BYTES]>, received: Instant) {
         self.camera.advance(received);
-        let message = bytes
-            .ok_or(None)
-            .and_then(|bytes| TwistMessage::decode(&bytes).map_err(Some));
+        let message = bytes.ok_or(None).and_then(|bytes| TwistMessage::decode(&bytes).map_err(Some));
         if self.owner.as_ref() != Some(&task) {
             let asks_to_move = message.as_ref().is_ok_and(TwistMessage::is_servoing);
             if self.owner.is_some() && !self.may_change_hands(asks_to_move) {
@@ -160,43 +151,20 @@ impl Flight {
     fn look(&mut self, now: Instant) {
         let pose = *self.camera.pose();
         let capture_time_ns = unix_time_ns();
-        self.simulation
-            .scene
-            .render_into(&self.simulation.camera, &pose, &mut self.rendering);
+        self.simulation.scene.render_into(&self.simulation.camera, &pose, &mut self.rendering);
         let sequence = self.truth.captured + 1;
-        self.settings
-            .disturbance
-            .apply(&mut self.rendering.image, sequence);
-        let (header, payload) = packet::pack(
-            &self.rendering,
-            self.settings.pixels,
-            self.settings.depth,
-            sequence,
-            capture_time_ns,
-        );
+        self.settings.disturbance.apply(&mut self.rendering.image, sequence);
+        let (header, payload) =
+            packet::pack(&self.rendering, self.settings.pixels, self.settings.depth, sequence, capture_time_ns);
         let due = now + self.settings.disturbance.latency;
-        self.in_transit.push_back(Delayed {
-            due,
-            header: header.encode(),
-            payload,
-        });
+        self.in_transit.push_back(Delayed { due, header: header.encode(), payload });
         self.truth.captured = sequence;
     }
 
     fn send_due(&mut self, now: Instant) {
-        let due = self
-            .in_transit
-            .iter()
-            .take_while(|frame| frame.due <= now)
-            .count();
+        let due = self.in_transit.iter().take_while(|frame| frame.due <= now).count();
         for frame in self.in_transit.drain(..due) {
-            match self
-                .outputs
-                .frames
-                .put(frame.payload)
-                .attachment(frame.header)
-                .wait()
-            {
+            match self.outputs.frames.put(frame.payload).attachment(frame.header).wait() {
                 Ok(()) => self.truth.sent += 1,
                 Err(error) => {
                     tracing::warn!(camera = %self.settings.name, %error, "a frame cannot be sent")
@@ -221,8 +189,6 @@ impl Flight {
 
 /// The sender's clock of the protocol; 0, unknown, on a clock before 1970.
 fn unix_time_ns() -> u64 {
-    let since = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .unwrap_or_default();
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     u64::try_from(since.as_nanos()).unwrap_or(0)
 }

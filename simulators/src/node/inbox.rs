@@ -17,10 +17,7 @@ const CAPACITY: usize = 64;
 #[derive(Debug, PartialEq)]
 pub(super) enum Event {
     /// A payload on a task's `command`; `None` when it has not the length of a twist.
-    Command {
-        task: TaskKey,
-        bytes: Option<[u8; TWIST_BYTES]>,
-    },
+    Command { task: TaskKey, bytes: Option<[u8; TWIST_BYTES]> },
     /// Everything stops.
     StopAll,
 }
@@ -49,10 +46,7 @@ impl Inbox {
     pub(super) fn push(&self, event: Event) {
         let mut state = self.lock();
         if state.events.len() == CAPACITY {
-            let oldest_command = state
-                .events
-                .iter()
-                .position(|(_, event)| *event != Event::StopAll);
+            let oldest_command = state.events.iter().position(|(_, event)| *event != Event::StopAll);
             // All stops: one more says nothing new.
             let Some(index) = oldest_command else { return };
             state.events.remove(index);
@@ -75,16 +69,9 @@ impl Inbox {
             if left.is_zero() {
                 break;
             }
-            state = self
-                .changed
-                .wait_timeout(state, left)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+            state = self.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
         }
-        (!state.closed).then(|| Taken {
-            events: std::mem::take(&mut state.events),
-            now: Instant::now(),
-        })
+        (!state.closed).then(|| Taken { events: std::mem::take(&mut state.events), now: Instant::now() })
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -99,13 +86,7 @@ mod tests {
 
     fn command(id: usize) -> Event {
         let name = |text: String| text.try_into().expect("letters and digits");
-        Event::Command {
-            task: TaskKey {
-                client: name("c".into()),
-                id: name(format!("t{id}")),
-            },
-            bytes: None,
-        }
+        Event::Command { task: TaskKey { client: name("c".into()), id: name(format!("t{id}")) }, bytes: None }
     }
 
     #[test]
@@ -114,16 +95,9 @@ mod tests {
         inbox.push(Event::StopAll);
         (0..CAPACITY).for_each(|id| inbox.push(command(id)));
         let taken = inbox.take_until(Instant::now()).expect("open");
-        assert!(
-            taken
-                .events
-                .iter()
-                .all(|(received, _)| *received <= taken.now)
-        );
+        assert!(taken.events.iter().all(|(received, _)| *received <= taken.now));
         let events: Vec<Event> = taken.events.into_iter().map(|(_, event)| event).collect();
-        let expected: Vec<Event> = std::iter::once(Event::StopAll)
-            .chain((1..CAPACITY).map(command))
-            .collect();
+        let expected: Vec<Event> = std::iter::once(Event::StopAll).chain((1..CAPACITY).map(command)).collect();
         assert_eq!(events, expected);
     }
 
