@@ -5,9 +5,7 @@
 
 use std::time::Instant;
 
-use domvs_vision::{
-    Depth, DepthMap, HoleFill, Intrinsics, Law, Method, OrderRule, Plane, Sample, Servo, View,
-};
+use domvs_vision::{Depth, DepthMap, HoleFill, Intrinsics, Law, Method, OrderRule, Plane, Sample, Servo, View};
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
@@ -29,27 +27,12 @@ fn depth_map<T: Sample>(tilt: f64) -> Depth<T> {
 fn step_ms<T: Sample>(method: Method, order: usize, depths: [&Depth<T>; 2]) -> [f64; 2] {
     let (current, desired) = (image::<T>(12.0), image::<T>(0.0));
     let camera = Intrinsics::new([605.7, 606.2], [324.9, 236.5]).expect("a real camera");
-    let law = Law {
-        method,
-        order: OrderRule::fixed(order).expect("in range"),
-        ..Law::default()
-    };
-    let mut servo = Servo::new(
-        law,
-        camera,
-        View {
-            image: &desired,
-            depth: depths[1],
-        },
-    )
-    .expect("a valid law");
+    let law = Law { method, order: OrderRule::fixed(order).expect("in range"), ..Law::default() };
+    let mut servo = Servo::new(law, camera, View { image: &desired, depth: depths[1] }).expect("a valid law");
     let mut times: Vec<f64> = (0..42)
         .map(|_| {
             let start = Instant::now();
-            let step = servo.step(View {
-                image: &current,
-                depth: depths[0],
-            });
+            let step = servo.step(View { image: &current, depth: depths[0] });
             std::hint::black_box(step.expect("a good pair"));
             start.elapsed().as_secs_f64() * 1e3
         })
@@ -60,24 +43,14 @@ fn step_ms<T: Sample>(method: Method, order: usize, depths: [&Depth<T>; 2]) -> [
 }
 
 fn report<T: Sample>(sample: &str) {
-    let constants = [
-        Depth::Constant { depth_m: 1.0 },
-        Depth::Constant { depth_m: 1.1 },
-    ];
+    let constants = [Depth::Constant { depth_m: 1.0 }, Depth::Constant { depth_m: 1.1 }];
     let maps = [depth_map::<T>(2e-4), depth_map::<T>(1e-4)];
-    for method in [
-        Method::Hahn,
-        Method::Krawtchouk,
-        Method::Tchebichef,
-        Method::Cosine,
-    ] {
+    for method in [Method::Hahn, Method::Krawtchouk, Method::Tchebichef, Method::Cosine] {
         for order in [8, 16] {
             for (kind, depths) in [("constant", &constants), ("map", &maps)] {
                 let [median, first] = step_ms::<T>(method, order, [&depths[0], &depths[1]]);
                 let name = format!("{method:?}");
-                println!(
-                    "{sample}  {name:<10}  l = {order:<2}  {kind:<8}  {median:6.2} ms  (first {first:.2} ms)"
-                );
+                println!("{sample}  {name:<10}  l = {order:<2}  {kind:<8}  {median:6.2} ms  (first {first:.2} ms)");
             }
         }
     }

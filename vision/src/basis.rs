@@ -68,9 +68,7 @@ pub enum BasisError {
         polynomial: Polynomial,
     },
     /// The rows are not orthonormal: the window is too narrow for that many of them.
-    #[error(
-        "expected rows orthonormal to {LARGEST_DEFECT:e}, got a defect of {defect:e} for {polynomial:?}"
-    )]
+    #[error("expected rows orthonormal to {LARGEST_DEFECT:e}, got a defect of {defect:e} for {polynomial:?}")]
     Defect {
         /// Largest deviation of the rows' products from the identity.
         defect: f64,
@@ -149,11 +147,7 @@ impl Basis {
         if defect > LARGEST_DEFECT || defect.is_nan() {
             return Err(BasisError::Defect { defect, polynomial });
         }
-        self.defect = if self.points == self.length {
-            defect
-        } else {
-            self.products_defect(self.length)
-        };
+        self.defect = if self.points == self.length { defect } else { self.products_defect(self.length) };
         Ok(())
     }
 
@@ -203,8 +197,7 @@ impl Basis {
             for (u, value) in row[..self.length].iter_mut().enumerate() {
                 // The angle's period is 4N: reducing the whole numbers first keeps the cosine exact to its last digits.
                 let quarter_steps = (n * (2 * u + 1)) % (4 * self.length);
-                *value =
-                    scale * (std::f64::consts::PI * quarter_steps as f64 / (2.0 * length)).cos();
+                *value = scale * (std::f64::consts::PI * quarter_steps as f64 / (2.0 * length)).cos();
             }
         }
     }
@@ -226,9 +219,7 @@ impl Basis {
             }
             // The first round also takes out `β_n q_{n-1}`; the second what rounding left of the first.
             for _ in 0..2 {
-                made.chunks_exact(stride)
-                    .rev()
-                    .for_each(|row| remove_component(z, &row[..points]));
+                made.chunks_exact(stride).rev().for_each(|row| remove_component(z, &row[..points]));
             }
             self.diagonal[n] = alpha;
             self.off_diagonal[n + 1] = normalize(z);
@@ -238,35 +229,23 @@ impl Basis {
     fn products_defect(&self, points: usize) -> f64 {
         let row = |n: usize| &self.lattice_row(n)[..points];
         let products = (0..self.rows()).flat_map(|n| (0..=n).map(move |m| (n, m)));
-        let deviations =
-            products.map(|(n, m)| (dot(row(n), row(m)) - f64::from(u8::from(n == m))).abs());
+        let deviations = products.map(|(n, m)| (dot(row(n), row(m)) - f64::from(u8::from(n == m))).abs());
         // `f64::max` would swallow a NaN; a row that is not a number must fail.
-        deviations.fold(
-            0.0,
-            |worst, d| if d > worst || d.is_nan() { d } else { worst },
-        )
+        deviations.fold(0.0, |worst, d| if d > worst || d.is_nan() { d } else { worst })
     }
 }
 
 impl Polynomial {
     fn is_in_range(&self) -> bool {
         match *self {
-            Polynomial::Hahn { a, b } => {
-                (0.0..=HAHN_LIMIT).contains(&a) && (0.0..=HAHN_LIMIT).contains(&b)
-            }
+            Polynomial::Hahn { a, b } => (0.0..=HAHN_LIMIT).contains(&a) && (0.0..=HAHN_LIMIT).contains(&b),
             Polynomial::Krawtchouk { p, .. } => p > 0.0 && p < 1.0,
             Polynomial::Tchebichef | Polynomial::Cosine => true,
         }
     }
 
     fn has_extra_point(&self) -> bool {
-        matches!(
-            self,
-            Polynomial::Krawtchouk {
-                lattice: Lattice::Paper,
-                ..
-            }
-        )
+        matches!(self, Polynomial::Krawtchouk { lattice: Lattice::Paper, .. })
     }
 
     /// `w(u)/w(u-1)` on `u = 0 … points - 1`, Table I; `points` is the number of lattice points.
@@ -283,10 +262,7 @@ impl Polynomial {
 fn fill_root_weight(polynomial: Polynomial, q: &mut [f64]) {
     let points = q.len();
     let ratio = |u: usize| polynomial.weight_ratio(u as f64, points as f64);
-    let mode = (1..points)
-        .take_while(|u| ratio(*u) >= 1.0)
-        .last()
-        .unwrap_or(0);
+    let mode = (1..points).take_while(|u| ratio(*u) >= 1.0).last().unwrap_or(0);
     q[mode] = 1.0;
     for u in mode + 1..points {
         q[u] = q[u - 1] * ratio(u).sqrt();
@@ -333,13 +309,8 @@ mod tests {
     fn hahn_without_a_window_is_tchebichef() {
         let hahn = Basis::new(100, 20, Polynomial::Hahn { a: 0.0, b: 0.0 }).expect("valid");
         let tchebichef = Basis::new(100, 20, Polynomial::Tchebichef).expect("valid");
-        let worst = (0..20)
-            .flat_map(|n| hahn.row(n).iter().zip(tchebichef.row(n)))
-            .map(|(a, b)| (a - b).abs());
-        assert!(
-            worst.fold(0.0, f64::max) < 1e-12,
-            "both are made by the same steps, from equal weights"
-        );
+        let worst = (0..20).flat_map(|n| hahn.row(n).iter().zip(tchebichef.row(n))).map(|(a, b)| (a - b).abs());
+        assert!(worst.fold(0.0, f64::max) < 1e-12, "both are made by the same steps, from equal weights");
     }
 
     #[test]
@@ -351,51 +322,26 @@ mod tests {
             let right = by.off_diagonal[n] * basis.row(n - 1)[u]
                 + by.diagonal[n] * basis.row(n)[u]
                 + by.off_diagonal[n + 1] * basis.row(n + 1)[u];
-            assert!(
-                (t * basis.row(n)[u] - right).abs() < 1e-14,
-                "unit rows and |t| <= 1: a few rounding errors"
-            );
+            assert!((t * basis.row(n)[u] - right).abs() < 1e-14, "unit rows and |t| <= 1: a few rounding errors");
         }
     }
 
     #[test]
     fn the_papers_krawtchouk_lattice_reports_its_defect_on_the_pixels() {
-        let at = |p, lattice| {
-            Basis::new(128, 17, Polynomial::Krawtchouk { p, lattice })
-                .expect("valid")
-                .defect()
-        };
-        assert!(
-            at(0.97, Lattice::Paper) > 0.1,
-            "the cut point carries much of the weight"
-        );
+        let at = |p, lattice| Basis::new(128, 17, Polynomial::Krawtchouk { p, lattice }).expect("valid").defect();
+        assert!(at(0.97, Lattice::Paper) > 0.1, "the cut point carries much of the weight");
         assert!(at(0.5, Lattice::Paper) < 1e-12 && at(0.97, Lattice::Exact) < 1e-12);
     }
 
     #[test]
     fn a_basis_that_cannot_be_is_refused() {
-        assert_eq!(
-            Basis::new(7, 3, Polynomial::Tchebichef).err(),
-            Some(BasisError::Length { length: 7 })
-        );
-        assert_eq!(
-            Basis::new(8, 9, Polynomial::Cosine).err(),
-            Some(BasisError::Rows { length: 8, rows: 9 })
-        );
+        assert_eq!(Basis::new(7, 3, Polynomial::Tchebichef).err(), Some(BasisError::Length { length: 7 }));
+        assert_eq!(Basis::new(8, 9, Polynomial::Cosine).err(), Some(BasisError::Rows { length: 8, rows: 9 }));
         let bad = [
             Polynomial::Hahn { a: -0.5, b: 0.0 },
-            Polynomial::Hahn {
-                a: 0.0,
-                b: f64::NAN,
-            },
-            Polynomial::Krawtchouk {
-                p: 1.0,
-                lattice: Lattice::Exact,
-            },
+            Polynomial::Hahn { a: 0.0, b: f64::NAN },
+            Polynomial::Krawtchouk { p: 1.0, lattice: Lattice::Exact },
         ];
-        assert!(
-            bad.iter()
-                .all(|p| matches!(Basis::new(32, 5, *p), Err(BasisError::Parameter { .. })))
-        );
+        assert!(bad.iter().all(|p| matches!(Basis::new(32, 5, *p), Err(BasisError::Parameter { .. }))));
     }
 }

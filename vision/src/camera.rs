@@ -39,10 +39,7 @@ impl Intrinsics {
         if !center_px.iter().all(|c| c.is_finite()) {
             return Err(CameraError::CenterNotFinite { center_px });
         }
-        Ok(Intrinsics {
-            focal_px,
-            center_px,
-        })
+        Ok(Intrinsics { focal_px, center_px })
     }
 
     /// Focal lengths `[f_u, f_v]` in pixels.
@@ -80,14 +77,8 @@ mod tests {
     #[test]
     fn a_focal_length_that_is_not_positive_is_refused() {
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(matches!(
-                Intrinsics::new([bad, 1.0], [0.0, 0.0]),
-                Err(CameraError::FocalNotPositive { .. })
-            ));
+            assert!(matches!(Intrinsics::new([bad, 1.0], [0.0, 0.0]), Err(CameraError::FocalNotPositive { .. })));
         }
-        assert!(matches!(
-            Intrinsics::new([1.0, 1.0], [f64::NAN, 0.0]),
-            Err(CameraError::CenterNotFinite { .. })
-        ));
+        assert!(matches!(Intrinsics::new([1.0, 1.0], [f64::NAN, 0.0]), Err(CameraError::CenterNotFinite { .. })));
     }
 }

@@ -46,8 +46,7 @@ pub struct Solution {
 impl NormalEquations {
     /// The equations of rows `(e_i, L_i)`.
     pub fn of(rows: impl Iterator<Item = (f64, [f64; 6])>) -> NormalEquations {
-        let (mut matrix, mut vector, mut error_squared, mut features) =
-            (Matrix6::zeros(), Vector6::zeros(), 0.0, 0);
+        let (mut matrix, mut vector, mut error_squared, mut features) = (Matrix6::zeros(), Vector6::zeros(), 0.0, 0);
         for (error, row) in rows {
             for j in 0..6 {
                 for i in 0..=j {
@@ -59,21 +58,12 @@ impl NormalEquations {
             features += 1;
         }
         matrix.fill_lower_triangle_with_upper_triangle();
-        NormalEquations {
-            matrix,
-            vector,
-            error_squared,
-            features,
-        }
+        NormalEquations { matrix, vector, error_squared, features }
     }
 
     /// Whether every number is one.
     pub fn is_finite(&self) -> bool {
-        let all = self
-            .matrix
-            .iter()
-            .chain(&self.vector)
-            .chain([&self.error_squared]);
+        let all = self.matrix.iter().chain(&self.vector).chain([&self.error_squared]);
         all.into_iter().all(|number| number.is_finite())
     }
 
@@ -94,22 +84,12 @@ impl NormalEquations {
             }
         }
         let gauss_newton = step.component_mul(&scale).into();
-        Solution {
-            gauss_newton,
-            rank,
-            condition_number: self.condition_number(free),
-        }
+        Solution { gauss_newton, rank, condition_number: self.condition_number(free) }
     }
 
     /// One over each free column's length; 0 for a column that is not free or not seen.
     fn column_scale(&self, free: [bool; 6]) -> Vector6<f64> {
-        let length = Vector6::from_fn(|i, _| {
-            if free[i] {
-                self.matrix[(i, i)].sqrt()
-            } else {
-                0.0
-            }
-        });
+        let length = Vector6::from_fn(|i, _| if free[i] { self.matrix[(i, i)].sqrt() } else { 0.0 });
         let floor = length.max() * SMALLEST_COLUMN_RATIO;
         length.map(|length| if length > floor { 1.0 / length } else { 0.0 })
     }
@@ -117,10 +97,7 @@ impl NormalEquations {
     fn condition_number(&self, free: [bool; 6]) -> f64 {
         let is_free = |i: usize| free[i];
         let count = free.iter().filter(|free| **free).count() as f64;
-        let trace: f64 = (0..6)
-            .filter(|i| is_free(*i))
-            .map(|i| self.matrix[(i, i)])
-            .sum();
+        let trace: f64 = (0..6).filter(|i| is_free(*i)).map(|i| self.matrix[(i, i)]).sum();
         // The mean of the free eigenvalues stands in for a degree that is not free: it lies between the extremes and moves neither.
         let matrix = Matrix6::from_fn(|i, j| match (is_free(i) && is_free(j), i == j) {
             (true, _) => self.matrix[(i, j)],
@@ -129,33 +106,18 @@ impl NormalEquations {
         });
         let eigenvalues = SymmetricEigen::new(matrix).eigenvalues;
         let (smallest, largest) = (eigenvalues.min(), eigenvalues.max());
-        if smallest > 0.0 {
-            (largest / smallest).sqrt()
-        } else {
-            f64::INFINITY
-        }
+        if smallest > 0.0 { (largest / smallest).sqrt() } else { f64::INFINITY }
     }
 }
 
 /// Shortens a step so that neither part is longer than its bound, with one scale for both; says whether it had to.
 pub fn cap_step(step: [f64; 6], cap: Option<StepCap>) -> ([f64; 6], bool) {
-    let Some(StepCap {
-        translation_m,
-        rotation_rad,
-    }) = cap
-    else {
+    let Some(StepCap { translation_m, rotation_rad }) = cap else {
         return (step, false);
     };
-    let norm = |part: &[f64]| {
-        part.iter()
-            .fold(0.0, |norm: f64, component| norm.hypot(*component))
-    };
+    let norm = |part: &[f64]| part.iter().fold(0.0, |norm: f64, component| norm.hypot(*component));
     let scale = (translation_m / norm(&step[..3])).min(rotation_rad / norm(&step[3..]));
-    if scale < 1.0 {
-        (step.map(|component| scale * component), true)
-    } else {
-        (step, false)
-    }
+    if scale < 1.0 { (step.map(|component| scale * component), true) } else { (step, false) }
 }
 
 #[cfg(test)]
@@ -175,10 +137,7 @@ mod tests {
     }
 
     fn distance(a: [f64; 6], b: [f64; 6]) -> f64 {
-        a.iter()
-            .zip(b)
-            .map(|(a, b)| (a - b).abs())
-            .fold(0.0, f64::max)
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     }
 
     const STEP: [f64; 6] = [0.1, -0.2, 0.3, 0.05, -0.02, 0.4];
@@ -188,24 +147,14 @@ mod tests {
     fn a_step_that_explains_the_error_is_found() {
         let solution = equations(STEP, wave).solve(ALL);
         assert_eq!(solution.rank, 6);
-        assert!(
-            distance(solution.gauss_newton, STEP) < 1e-12,
-            "condition number {}",
-            solution.condition_number
-        );
+        assert!(distance(solution.gauss_newton, STEP) < 1e-12, "condition number {}", solution.condition_number);
     }
 
     #[test]
     fn columns_of_very_different_lengths_are_no_lack_of_rank() {
-        let solution = equations(STEP, |i, j| {
-            wave(i, j) * [1.0, 1e-3, 1e2, 1.0, 1e-2, 1.0][j]
-        })
-        .solve(ALL);
+        let solution = equations(STEP, |i, j| wave(i, j) * [1.0, 1e-3, 1e2, 1.0, 1e-2, 1.0][j]).solve(ALL);
         assert_eq!(solution.rank, 6);
-        assert!(
-            distance(solution.gauss_newton, STEP) < 1e-8,
-            "the rows' own rounding, divided by the shortest column"
-        );
+        assert!(distance(solution.gauss_newton, STEP) < 1e-8, "the rows' own rounding, divided by the shortest column");
         assert!(solution.condition_number > 1e5);
     }
 
@@ -222,10 +171,7 @@ mod tests {
 
     #[test]
     fn a_column_of_rounding_errors_is_not_seen() {
-        let solution = equations([0.0; 6], |i, j| {
-            wave(i, j) * if j == 5 { 1e-9 } else { 1.0 }
-        })
-        .solve(ALL);
+        let solution = equations([0.0; 6], |i, j| wave(i, j) * if j == 5 { 1e-9 } else { 1.0 }).solve(ALL);
         assert_eq!((solution.rank, solution.gauss_newton[5]), (5, 0.0));
     }
 
@@ -235,53 +181,25 @@ mod tests {
         let small = equations(STEP, wave);
         let solution = small.solve(free);
         let only_free = equations(STEP, |i, j| if free[j] { wave(i, j) } else { 0.0 });
-        assert_eq!(
-            (
-                solution.rank,
-                solution.gauss_newton[2],
-                solution.gauss_newton[5]
-            ),
-            (4, 0.0, 0.0)
-        );
+        assert_eq!((solution.rank, solution.gauss_newton[2], solution.gauss_newton[5]), (4, 0.0, 0.0));
         // The best step over four columns leaves a residual at right angles to them.
         let step = Vector6::from(solution.gauss_newton);
         let residual = small.vector + small.matrix * step;
-        assert!(
-            (0..6)
-                .filter(|i| free[*i])
-                .all(|i| residual[i].abs() < 1e-12),
-            "numbers near 1"
-        );
-        assert!(
-            solution.condition_number.is_finite()
-                && !only_free.solve(ALL).condition_number.is_finite()
-        );
+        assert!((0..6).filter(|i| free[*i]).all(|i| residual[i].abs() < 1e-12), "numbers near 1");
+        assert!(solution.condition_number.is_finite() && !only_free.solve(ALL).condition_number.is_finite());
     }
 
     #[test]
     fn nothing_seen_is_a_zero_step_of_rank_zero() {
         let solution = equations([0.0; 6], |_, _| 0.0).solve(ALL);
-        assert_eq!(
-            (
-                solution.gauss_newton,
-                solution.rank,
-                solution.condition_number
-            ),
-            ([0.0; 6], 0, f64::INFINITY)
-        );
+        assert_eq!((solution.gauss_newton, solution.rank, solution.condition_number), ([0.0; 6], 0, f64::INFINITY));
     }
 
     #[test]
     fn the_cap_keeps_the_direction_and_bounds_both_parts() {
-        let cap = Some(StepCap {
-            translation_m: 0.25,
-            rotation_rad: 0.25,
-        });
+        let cap = Some(StepCap { translation_m: 0.25, rotation_rad: 0.25 });
         let (capped, is_capped) = cap_step([0.3, 0.0, 0.4, 0.0, 1.0, 0.0], cap);
-        assert!(
-            is_capped && distance(capped, [0.075, 0.0, 0.1, 0.0, 0.25, 0.0]) < 1e-15,
-            "one scale of a quarter"
-        );
+        assert!(is_capped && distance(capped, [0.075, 0.0, 0.1, 0.0, 0.25, 0.0]) < 1e-15, "one scale of a quarter");
         assert_eq!(cap_step([0.1; 6], cap), ([0.1; 6], false));
         assert_eq!(cap_step([0.0; 6], cap), ([0.0; 6], false));
         assert_eq!(cap_step([9.0; 6], None), ([9.0; 6], false));

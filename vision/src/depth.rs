@@ -86,18 +86,9 @@ impl<T: Sample> DepthMap<T> {
             return Err(DepthError::SizeMismatch { expected, got });
         }
         let unknown = depth_m.samples().iter().filter(|z| !is_known(**z)).count();
-        let fill_per_m = if unknown == 0 {
-            T::ZERO
-        } else {
-            T::from_f64(1.0 / self.fill_depth(depth_m, fill)?)
-        };
+        let fill_per_m = if unknown == 0 { T::ZERO } else { T::from_f64(1.0 / self.fill_depth(depth_m, fill)?) };
         let one = T::from_f64(1.0);
-        for (inverse, z) in self
-            .inverse_per_m
-            .samples_mut()
-            .iter_mut()
-            .zip(depth_m.samples())
-        {
+        for (inverse, z) in self.inverse_per_m.samples_mut().iter_mut().zip(depth_m.samples()) {
             *inverse = if is_known(*z) { one / *z } else { fill_per_m };
         }
         self.unknown = unknown;
@@ -119,26 +110,16 @@ impl<T: Sample> DepthMap<T> {
             HoleFill::Constant(fill_m) => fill_m,
             HoleFill::Median => {
                 self.known_m.clear();
-                self.known_m
-                    .extend(depth_m.samples().iter().filter(|z| is_known(**z)));
+                self.known_m.extend(depth_m.samples().iter().filter(|z| is_known(**z)));
                 let middle = self.known_m.len() / 2;
                 if self.known_m.is_empty() {
-                    return Err(DepthError::NothingKnown {
-                        pixels: depth_m.samples().len(),
-                    });
+                    return Err(DepthError::NothingKnown { pixels: depth_m.samples().len() });
                 }
                 let by_depth = |a: &T, b: &T| a.partial_cmp(b).expect("known depths are numbers");
-                self.known_m
-                    .select_nth_unstable_by(middle, by_depth)
-                    .1
-                    .to_f64()
+                self.known_m.select_nth_unstable_by(middle, by_depth).1.to_f64()
             }
         };
-        if is_known(T::from_f64(fill_m)) {
-            Ok(fill_m)
-        } else {
-            Err(DepthError::NotPositive { depth_m: fill_m })
-        }
+        if is_known(T::from_f64(fill_m)) { Ok(fill_m) } else { Err(DepthError::NotPositive { depth_m: fill_m }) }
     }
 }
 
@@ -167,22 +148,12 @@ mod tests {
 
     #[test]
     fn a_map_without_a_known_depth_is_refused_and_stays_as_it_was() {
-        let mut map =
-            DepthMap::from_metres(&holed(), HoleFill::Constant(0.5)).expect("a good fill");
+        let mut map = DepthMap::from_metres(&holed(), HoleFill::Constant(0.5)).expect("a good fill");
         let before = map.clone();
         let nothing = Plane::filled(4, 2, 0.0f32);
-        assert_eq!(
-            map.set_metres(&nothing, HoleFill::Median),
-            Err(DepthError::NothingKnown { pixels: 8 })
-        );
-        assert!(
-            map.set_metres(&nothing, HoleFill::Constant(f64::NAN))
-                .is_err()
-        );
-        assert!(
-            map.set_metres(&Plane::filled(2, 4, 1.0), HoleFill::Median)
-                .is_err()
-        );
+        assert_eq!(map.set_metres(&nothing, HoleFill::Median), Err(DepthError::NothingKnown { pixels: 8 }));
+        assert!(map.set_metres(&nothing, HoleFill::Constant(f64::NAN)).is_err());
+        assert!(map.set_metres(&Plane::filled(2, 4, 1.0), HoleFill::Median).is_err());
         assert_eq!(map.inverse_per_m(), before.inverse_per_m());
     }
 }

@@ -50,41 +50,22 @@ impl<T: Sample> Plane<T> {
         }
         let expected = width.saturating_mul(height);
         if samples.len() != expected {
-            return Err(ImageError::SampleCount {
-                width,
-                height,
-                expected,
-                got: samples.len(),
-            });
+            return Err(ImageError::SampleCount { width, height, expected, got: samples.len() });
         }
-        Ok(Plane {
-            width,
-            height,
-            samples,
-        })
+        Ok(Plane { width, height, samples })
     }
 
     /// A plane of one value; a zero side becomes 1.
     pub fn filled(width: usize, height: usize, value: T) -> Plane<T> {
         let (width, height) = (width.max(1), height.max(1));
-        Plane {
-            width,
-            height,
-            samples: vec![value; width * height],
-        }
+        Plane { width, height, samples: vec![value; width * height] }
     }
 
     /// A plane whose sample at `(u, v)` is `sample(u, v)`; a zero side becomes 1.
     pub fn from_fn(width: usize, height: usize, sample: impl Fn(usize, usize) -> T) -> Plane<T> {
         let (width, height) = (width.max(1), height.max(1));
-        let samples = (0..width * height)
-            .map(|i| sample(i % width, i / width))
-            .collect();
-        Plane {
-            width,
-            height,
-            samples,
-        }
+        let samples = (0..width * height).map(|i| sample(i % width, i / width)).collect();
+        Plane { width, height, samples }
     }
 
     /// Columns.
@@ -131,30 +112,13 @@ mod tests {
     fn a_plane_is_indexed_right_then_down() {
         let plane = Plane::from_fn(3, 2, |u, v| (10 * v + u) as f32);
         assert_eq!(plane.samples(), &[0.0, 1.0, 2.0, 10.0, 11.0, 12.0]);
-        assert_eq!(
-            (plane.at(2, 1), plane.row(1)),
-            (12.0, &[10.0, 11.0, 12.0][..])
-        );
+        assert_eq!((plane.at(2, 1), plane.row(1)), (12.0, &[10.0, 11.0, 12.0][..]));
     }
 
     #[test]
     fn samples_that_do_not_fill_the_plane_are_refused() {
         let refused = Plane::new(3, 2, vec![0.0; 5]);
-        assert_eq!(
-            refused,
-            Err(ImageError::SampleCount {
-                width: 3,
-                height: 2,
-                expected: 6,
-                got: 5
-            })
-        );
-        assert_eq!(
-            Plane::<f32>::new(0, 2, vec![]),
-            Err(ImageError::Empty {
-                width: 0,
-                height: 2
-            })
-        );
+        assert_eq!(refused, Err(ImageError::SampleCount { width: 3, height: 2, expected: 6, got: 5 }));
+        assert_eq!(Plane::<f32>::new(0, 2, vec![]), Err(ImageError::Empty { width: 0, height: 2 }));
     }
 }

@@ -24,8 +24,8 @@ pub fn point_interaction(x: f64, y: f64, depth_m: f64) -> Matrix2x6<f64> {
     l_x
 }
 
-/// `∇I_u` and `∇I_v` along row `v`, in brightness per pixel: central differences, one-sided at the border.
-pub fn gradient_row<T: Sample>(image: &Plane<T>, v: usize, along_u: &mut [T], along_v: &mut [T]) {
+/// `∇I_u` and `∇I_v` along row `v`, in brightness per pixel: central differences, one-sided at the border. At least 2x2 pixels.
+pub(crate) fn gradient_row<T: Sample>(image: &Plane<T>, v: usize, along_u: &mut [T], along_v: &mut [T]) {
     let half = T::from_f64(0.5);
     let (row, last_u, last_v) = (image.row(v), image.width() - 1, image.height() - 1);
 
@@ -36,16 +36,8 @@ pub fn gradient_row<T: Sample>(image: &Plane<T>, v: usize, along_u: &mut [T], al
     along_u[last_u] = row[last_u] - row[last_u - 1];
 
     let (above, below) = (v.saturating_sub(1), (v + 1).min(last_v));
-    let scale = if below - above == 2 {
-        half
-    } else {
-        T::from_f64(1.0)
-    };
-    for ((slope, above), below) in along_v
-        .iter_mut()
-        .zip(image.row(above))
-        .zip(image.row(below))
-    {
+    let scale = if below - above == 2 { half } else { T::from_f64(1.0) };
+    for ((slope, above), below) in along_v.iter_mut().zip(image.row(above)).zip(image.row(below)) {
         *slope = scale * (*below - *above);
     }
 }
@@ -67,12 +59,7 @@ impl GradientMoments {
     /// The six columns of `L_I`, projected on `p_n` along the row at normalized `y`.
     #[inline]
     pub(crate) fn interaction(&self, y: f64) -> [f64; 6] {
-        let GradientMoments {
-            g_u,
-            g_v,
-            zeta_g_u,
-            zeta_g_v,
-        } = self;
+        let GradientMoments { g_u, g_v, zeta_g_u, zeta_g_v } = self;
         [
             zeta_g_u[0],
             *zeta_g_v,
@@ -119,14 +106,7 @@ mod tests {
             zeta_g_v: zeta * g[1],
         };
         let expected = -nalgebra::RowVector2::from(g) * point_interaction(x, y, depth_m);
-        let worst = at_one_pixel
-            .interaction(y)
-            .into_iter()
-            .zip(expected.iter())
-            .map(|(a, b)| (a - b).abs());
-        assert!(
-            worst.fold(0.0, f64::max) < 1e-15,
-            "numbers near 1: a rounding error or two"
-        );
+        let worst = at_one_pixel.interaction(y).into_iter().zip(expected.iter()).map(|(a, b)| (a - b).abs());
+        assert!(worst.fold(0.0, f64::max) < 1e-15, "numbers near 1: a rounding error or two");
     }
 }

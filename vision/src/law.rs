@@ -88,10 +88,7 @@ pub enum LawError {
         step_cap: StepCap,
     },
     /// A Hahn parameter is negative, too large or not a number.
-    #[error(
-        "hahn window parameters must be in 0..={}, got x {x:?} and y {y:?}",
-        crate::basis::HAHN_LIMIT
-    )]
+    #[error("hahn window parameters must be in 0..={}, got x {x:?} and y {y:?}", crate::basis::HAHN_LIMIT)]
     Window {
         /// `[a, b]` along `u`.
         x: [f64; 2],
@@ -119,10 +116,7 @@ impl Default for Law {
             lattice: Lattice::Paper,
             order: OrderRule::default(),
             gain: Gain::PerSecond(0.5),
-            step_cap: Some(StepCap {
-                translation_m: 0.25,
-                rotation_rad: 0.25,
-            }),
+            step_cap: Some(StepCap { translation_m: 0.25, rotation_rad: 0.25 }),
             degrees_of_freedom: [true; 6],
         }
     }
@@ -133,20 +127,9 @@ impl Gain {
     pub fn per_second(&self, pixel_mse: f64) -> f64 {
         match *self {
             Gain::PerSecond(per_s) => per_s,
-            Gain::StepFraction {
-                fraction,
-                frame_period_s,
-            } => fraction / frame_period_s,
-            Gain::Adaptive {
-                at_zero,
-                at_infinity,
-                ..
-            } if at_zero == at_infinity => at_zero,
-            Gain::Adaptive {
-                at_zero,
-                at_infinity,
-                slope_at_zero,
-            } => {
+            Gain::StepFraction { fraction, frame_period_s } => fraction / frame_period_s,
+            Gain::Adaptive { at_zero, at_infinity, .. } if at_zero == at_infinity => at_zero,
+            Gain::Adaptive { at_zero, at_infinity, slope_at_zero } => {
                 let span = at_zero - at_infinity;
                 span * (-slope_at_zero / span * pixel_mse.sqrt()).exp() + at_infinity
             }
@@ -162,15 +145,8 @@ impl Law {
     pub fn check(&self) -> Result<(), LawError> {
         let gain_ok = match self.gain {
             Gain::PerSecond(per_s) => at_least_zero(per_s),
-            Gain::StepFraction {
-                fraction,
-                frame_period_s,
-            } => at_least_zero(fraction) && positive(frame_period_s),
-            Gain::Adaptive {
-                at_zero,
-                at_infinity,
-                slope_at_zero,
-            } => {
+            Gain::StepFraction { fraction, frame_period_s } => at_least_zero(fraction) && positive(frame_period_s),
+            Gain::Adaptive { at_zero, at_infinity, slope_at_zero } => {
                 at_zero >= at_infinity
                     && at_zero.is_finite()
                     && at_least_zero(at_infinity)
@@ -186,10 +162,7 @@ impl Law {
             return Err(LawError::StepCap { step_cap });
         }
         if let Window::Fixed { x, y } = self.window
-            && !x
-                .iter()
-                .chain(&y)
-                .all(|c| (0.0..=crate::basis::HAHN_LIMIT).contains(c))
+            && !x.iter().chain(&y).all(|c| (0.0..=crate::basis::HAHN_LIMIT).contains(c))
         {
             return Err(LawError::Window { x, y });
         }
@@ -198,11 +171,7 @@ impl Law {
         {
             return Err(LawError::KrawtchoukP { p });
         }
-        if self.degrees_of_freedom == [false; 6] {
-            Err(LawError::NothingMoves)
-        } else {
-            Ok(())
-        }
+        if self.degrees_of_freedom == [false; 6] { Err(LawError::NothingMoves) } else { Ok(()) }
     }
 }
 
@@ -225,77 +194,30 @@ mod tests {
 
     #[test]
     fn a_step_fraction_is_taken_within_one_frame_period() {
-        let gain = Gain::StepFraction {
-            fraction: 0.5,
-            frame_period_s: 0.1,
-        };
+        let gain = Gain::StepFraction { fraction: 0.5, frame_period_s: 0.1 };
         assert_eq!(gain.per_second(0.3), 5.0);
     }
 
     #[test]
     fn the_adaptive_gain_falls_from_one_limit_to_the_other_with_the_slope_asked_for() {
-        let gain = Gain::Adaptive {
-            at_zero: 2.0,
-            at_infinity: 0.5,
-            slope_at_zero: 6.0,
-        };
+        let gain = Gain::Adaptive { at_zero: 2.0, at_infinity: 0.5, slope_at_zero: 6.0 };
         assert_eq!(gain.per_second(0.0), 2.0);
-        assert!(
-            (gain.per_second(1e4) - 0.5).abs() < 1e-12,
-            "exp(-400) is nothing"
-        );
+        assert!((gain.per_second(1e4) - 0.5).abs() < 1e-12, "exp(-400) is nothing");
         let slope = (gain.per_second(1e-12) - 2.0) / 1e-6;
-        assert!(
-            (slope + 6.0).abs() < 1e-4,
-            "one-sided difference over 1e-6 of a curve with second derivative 24"
-        );
+        assert!((slope + 6.0).abs() < 1e-4, "one-sided difference over 1e-6 of a curve with second derivative 24");
     }
 
     #[test]
     fn numbers_that_make_no_law_are_refused() {
         let law = Law::default();
         let refused = [
-            Law {
-                gain: Gain::PerSecond(-1.0),
-                ..law
-            },
-            Law {
-                gain: Gain::StepFraction {
-                    fraction: 0.5,
-                    frame_period_s: 0.0,
-                },
-                ..law
-            },
-            Law {
-                gain: Gain::Adaptive {
-                    at_zero: 1.0,
-                    at_infinity: 2.0,
-                    slope_at_zero: 1.0,
-                },
-                ..law
-            },
-            Law {
-                step_cap: Some(StepCap {
-                    translation_m: 0.0,
-                    rotation_rad: 1.0,
-                }),
-                ..law
-            },
-            Law {
-                window: Window::Fixed {
-                    x: [8.0, 8.0],
-                    y: [f64::NAN, 8.0],
-                },
-                ..law
-            },
-            Law {
-                krawtchouk_p: KrawtchoukP::Fixed([0.5, 1.0]),
-                ..law
-            },
-            Law {
-                degrees_of_freedom: [false; 6],
-                ..law
-            },
+            Law { gain: Gain::PerSecond(-1.0), ..law },
+            Law { gain: Gain::StepFraction { fraction: 0.5, frame_period_s: 0.0 }, ..law },
+            Law { gain: Gain::Adaptive { at_zero: 1.0, at_infinity: 2.0, slope_at_zero: 1.0 }, ..law },
+            Law { step_cap: Some(StepCap { translation_m: 0.0, rotation_rad: 1.0 }), ..law },
+            Law { window: Window::Fixed { x: [8.0, 8.0], y: [f64::NAN, 8.0] }, ..law },
+            Law { krawtchouk_p: KrawtchoukP::Fixed([0.5, 1.0]), ..law },
+            Law { degrees_of_freedom: [false; 6], ..law },
         ];
         assert!(refused.iter().all(|law| law.check().is_err()));
     }

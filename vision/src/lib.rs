@@ -22,6 +22,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+// One group each, so that rustfmt leaves them in the data's order.
 mod sample;
 
 mod image;

@@ -83,10 +83,7 @@ impl<T: Sample> Moments<T> {
             highest_order,
             desired: FeatureTable::new(highest_order),
             current: FeatureTable::new(highest_order),
-            work: Work {
-                bases: 2,
-                ..Work::default()
-            },
+            work: Work { bases: 2, ..Work::default() },
         })
     }
 
@@ -102,29 +99,14 @@ impl<T: Sample> Moments<T> {
     ) -> Result<NormalEquations, BasisError> {
         self.use_bases(polynomials)?;
         if !self.desired_is_made {
-            self.sweep.add_up(
-                desired,
-                None,
-                &self.basis_v,
-                self.highest_order,
-                &mut self.desired,
-            );
+            self.sweep.add_up(desired, None, &self.basis_v, self.highest_order, &mut self.desired);
             self.work.desired_sweeps += 1;
             self.desired_is_made = true;
         }
-        self.sweep.add_up(
-            current,
-            Some(desired.0),
-            &self.basis_v,
-            order,
-            &mut self.current,
-        );
+        self.sweep.add_up(current, Some(desired.0), &self.basis_v, order, &mut self.current);
         self.work.current_sweeps += 1;
         self.current.take_mean_interaction(&self.desired);
-        Ok(NormalEquations::of(
-            self.features()
-                .map(|feature| (feature.error, feature.interaction)),
-        ))
+        Ok(NormalEquations::of(self.features().map(|feature| (feature.error, feature.interaction))))
     }
 
     /// The features of the last step, `n` outside, `m` inside.
@@ -166,11 +148,7 @@ struct FeatureTable {
 impl FeatureTable {
     fn new(highest_order: usize) -> FeatureTable {
         let side = highest_order + 1;
-        FeatureTable {
-            order: 0,
-            highest_order,
-            values: vec![0.0; side * side * COLUMNS],
-        }
+        FeatureTable { order: 0, highest_order, values: vec![0.0; side * side * COLUMNS] }
     }
 
     fn clear(&mut self, order: usize) {
@@ -187,10 +165,7 @@ impl FeatureTable {
         for m in 0..=self.order {
             let (start, length) = (self.start(m), (self.order - m + 1) * COLUMNS);
             let q_m = q(m);
-            for (value, column) in self.values[start..][..length]
-                .iter_mut()
-                .zip(&columns[..length])
-            {
+            for (value, column) in self.values[start..][..length].iter_mut().zip(&columns[..length]) {
                 *value += q_m * column;
             }
         }
@@ -198,11 +173,7 @@ impl FeatureTable {
 
     /// `L` of this view becomes `½(L + L*)`; `e` stays.
     fn take_mean_interaction(&mut self, desired: &FeatureTable) {
-        for (own, desired) in self
-            .values
-            .chunks_exact_mut(COLUMNS)
-            .zip(desired.values.chunks_exact(COLUMNS))
-        {
+        for (own, desired) in self.values.chunks_exact_mut(COLUMNS).zip(desired.values.chunks_exact(COLUMNS)) {
             for (own, desired) in own[1..].iter_mut().zip(&desired[1..]) {
                 *own = 0.5 * (*own + desired);
             }
@@ -213,12 +184,7 @@ impl FeatureTable {
         let indices = (0..=self.order).flat_map(|n| (0..=self.order - n).map(move |m| (n, m)));
         indices.map(|(n, m)| {
             let row = &self.values[self.start(m) + n * COLUMNS..][..COLUMNS];
-            FeatureRow {
-                n,
-                m,
-                error: row[0],
-                interaction: std::array::from_fn(|k| row[k + 1]),
-            }
+            FeatureRow { n, m, error: row[0], interaction: std::array::from_fn(|k| row[k + 1]) }
         })
     }
 }
@@ -244,24 +210,14 @@ struct Powers {
 }
 
 impl<T: Sample> Sweep<T> {
-    fn new(
-        camera: Intrinsics,
-        carriers: Carriers<T>,
-        width: usize,
-        highest_order: usize,
-    ) -> Sweep<T> {
+    fn new(camera: Intrinsics, carriers: Carriers<T>, width: usize, highest_order: usize) -> Sweep<T> {
         let row = || vec![0.0; highest_order + 2];
         Sweep {
             camera,
             planes: std::array::from_fn(|_| padded_row(width)),
             carried: vec![0.0; PLANES * carriers.len()],
             carriers,
-            powers: Powers {
-                x_gu: row(),
-                xx_gu: row(),
-                x_gv: row(),
-                x_zgu: row(),
-            },
+            powers: Powers { x_gu: row(), xx_gu: row(), x_gv: row(), x_zgu: row() },
             columns: vec![0.0; (highest_order + 1) * COLUMNS],
         }
     }
@@ -279,11 +235,7 @@ impl<T: Sample> Sweep<T> {
         for v in 0..image.height() {
             let error_slot = self.fill_planes(image, depth, desired, v);
             self.project(matches!(depth, Depth::Map(_)), error_slot, order);
-            let constant = if let Depth::Constant { depth_m } = depth {
-                Some(1.0 / depth_m)
-            } else {
-                None
-            };
+            let constant = if let Depth::Constant { depth_m } = depth { Some(1.0 / depth_m) } else { None };
             self.fill_columns(self.camera.y(v as f64), constant, error_slot, order);
             table.add_row(&self.columns, |m| basis_v.row(m)[v]);
         }
@@ -298,21 +250,15 @@ impl<T: Sample> Sweep<T> {
         v: usize,
     ) -> Option<usize> {
         let width = image.width();
-        let [g_u, g_v, zeta_g_u, zeta_g_v, error] = self
-            .planes
-            .each_mut()
-            .map(|plane| &mut plane.as_flattened_mut()[..width]);
+        let [g_u, g_v, zeta_g_u, zeta_g_v, error] =
+            self.planes.each_mut().map(|plane| &mut plane.as_flattened_mut()[..width]);
         gradient_row(image, v, g_u, g_v);
         if let Depth::Map(map) = depth {
             multiply(zeta_g_u, g_u, map.inverse_per_m().row(v));
             multiply(zeta_g_v, g_v, map.inverse_per_m().row(v));
         }
         let desired = desired?;
-        let (error, slot) = if matches!(depth, Depth::Map(_)) {
-            (error, 4)
-        } else {
-            (zeta_g_u, 2)
-        };
+        let (error, slot) = if matches!(depth, Depth::Map(_)) { (error, 4) } else { (zeta_g_u, 2) };
         for ((error, own), desired) in error.iter_mut().zip(image.row(v)).zip(desired.row(v)) {
             *error = *own - *desired;
         }
@@ -320,39 +266,15 @@ impl<T: Sample> Sweep<T> {
     }
 
     fn project(&mut self, has_map: bool, error_slot: Option<usize>, order: usize) {
-        let degrees: &[usize] = if has_map {
-            &[2, 1, 1, 0, 0]
-        } else {
-            &[2, 1, 0]
-        };
-        let count = if error_slot.is_some() {
-            degrees.len()
-        } else {
-            degrees.len() - 1
-        };
+        let degrees: &[usize] = if has_map { &[2, 1, 1, 0, 0] } else { &[2, 1, 0] };
+        let count = if error_slot.is_some() { degrees.len() } else { degrees.len() - 1 };
         let planes = self.planes.each_ref().map(|plane| &plane[..]);
-        self.carriers.project(
-            &planes[..count],
-            &degrees[..count],
-            order,
-            &mut self.carried,
-        );
+        self.carriers.project(&planes[..count], &degrees[..count], order, &mut self.carried);
     }
 
     /// `[e, L_I]` of the row's moments, for every `n`, at normalized `y`; `constant_per_m` is `1/Z` when the depth is one number.
-    fn fill_columns(
-        &mut self,
-        y: f64,
-        constant_per_m: Option<f64>,
-        error_slot: Option<usize>,
-        order: usize,
-    ) {
-        let Powers {
-            x_gu,
-            xx_gu,
-            x_gv,
-            x_zgu,
-        } = &mut self.powers;
+    fn fill_columns(&mut self, y: f64, constant_per_m: Option<f64>, error_slot: Option<usize>, order: usize) {
+        let Powers { x_gu, xx_gu, x_gv, x_zgu } = &mut self.powers;
         let carried: [&[f64]; PLANES] = {
             let stride = self.carriers.len();
             std::array::from_fn(|plane| &self.carried[plane * stride..][..stride])
@@ -365,12 +287,7 @@ impl<T: Sample> Sweep<T> {
             self.carriers.raise(0, zg_u, zg_u, &mut x_zgu[..count]);
         }
         let [f_u, f_v] = self.camera.focal_px();
-        for (n, columns) in self
-            .columns
-            .chunks_exact_mut(COLUMNS)
-            .take(count)
-            .enumerate()
-        {
+        for (n, columns) in self.columns.chunks_exact_mut(COLUMNS).take(count).enumerate() {
             let g_u = [f_u * g_u[n], f_u * x_gu[n], f_u * xx_gu[n]];
             let g_v = [f_v * g_v[n], f_v * x_gv[n]];
             let (zeta_g_u, zeta_g_v) = match constant_per_m {
@@ -378,15 +295,7 @@ impl<T: Sample> Sweep<T> {
                 None => ([f_u * zg_u[n], f_u * x_zgu[n]], f_v * zg_v[n]),
             };
             columns[0] = error_slot.map_or(0.0, |slot| carried[slot][n]);
-            columns[1..].copy_from_slice(
-                &GradientMoments {
-                    g_u,
-                    g_v,
-                    zeta_g_u,
-                    zeta_g_v,
-                }
-                .interaction(y),
-            );
+            columns[1..].copy_from_slice(&GradientMoments { g_u, g_v, zeta_g_u, zeta_g_v }.interaction(y));
         }
     }
 }

@@ -37,11 +37,7 @@ pub enum OrderError {
 impl Default for OrderRule {
     /// Orders 4 to 16, the highest from a pixel mean square error of 0.001 down.
     fn default() -> OrderRule {
-        OrderRule {
-            min: 4,
-            max: 16,
-            epsilon: 1e-3,
-        }
+        OrderRule { min: 4, max: 16, epsilon: 1e-3 }
     }
 }
 
@@ -111,13 +107,8 @@ mod tests {
     #[test]
     fn the_order_rises_from_the_lowest_to_the_highest_as_the_images_meet() {
         let rule = OrderRule::new(6, 16, 1e-3).expect("valid");
-        let orders: Vec<usize> = [0.06, 0.03, 0.01, 0.004, 0.001, 0.0]
-            .map(|mse| rule.order(mse, 0.06))
-            .to_vec();
-        assert!(
-            orders.is_sorted() && orders[0] == 6 && orders[5] == 16,
-            "{orders:?}"
-        );
+        let orders: Vec<usize> = [0.06, 0.03, 0.01, 0.004, 0.001, 0.0].map(|mse| rule.order(mse, 0.06)).to_vec();
+        assert!(orders.is_sorted() && orders[0] == 6 && orders[5] == 16, "{orders:?}");
     }
 
     #[test]
@@ -129,19 +120,12 @@ mod tests {
     #[test]
     fn a_fixed_order_never_changes() {
         let rule = OrderRule::fixed(7).expect("valid");
-        assert!(
-            [0.0, 1e-3, 0.1, 10.0]
-                .iter()
-                .all(|mse| rule.order(*mse, 0.2) == 7)
-        );
+        assert!([0.0, 1e-3, 0.1, 10.0].iter().all(|mse| rule.order(*mse, 0.2) == 7));
     }
 
     #[test]
     fn bounds_out_of_order_are_refused() {
-        assert_eq!(
-            OrderRule::new(8, 4, 1e-3),
-            Err(OrderError::Bounds { min: 8, max: 4 })
-        );
+        assert_eq!(OrderRule::new(8, 4, 1e-3), Err(OrderError::Bounds { min: 8, max: 4 }));
         assert!(OrderRule::new(0, 4, 1e-3).is_err() && OrderRule::fixed(41).is_err());
         assert!(OrderRule::new(4, 8, 0.0).is_err() && OrderRule::new(4, 8, f64::NAN).is_err());
     }

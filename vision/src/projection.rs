@@ -49,32 +49,18 @@ impl<T: Sample> Carriers<T> {
 
     /// Room for the carriers of a basis on `length` pixels.
     pub(crate) fn new(length: usize, highest_order: usize, is_cosine: bool) -> Carriers<T> {
-        let rows = if is_cosine {
-            3 * (highest_order + 1)
-        } else {
-            highest_order + 3
-        };
+        let rows = if is_cosine { 3 * (highest_order + 1) } else { highest_order + 3 };
         let times_x = if is_cosine {
             TimesX::OwnRows
         } else {
-            TimesX::Recurrence {
-                below: vec![0.0; rows],
-                here: vec![0.0; rows - 1],
-            }
+            TimesX::Recurrence { below: vec![0.0; rows], here: vec![0.0; rows - 1] }
         };
-        Carriers {
-            rows: (0..rows).map(|_| padded_row(length)).collect(),
-            times_x,
-            highest_order,
-        }
+        Carriers { rows: (0..rows).map(|_| padded_row(length)).collect(), times_x, highest_order }
     }
 
     /// Fills the carriers from another basis of the same kind, in place.
     pub(crate) fn set(&mut self, basis: &Basis, camera: &Intrinsics) {
-        debug_assert_eq!(
-            matches!(self.times_x, TimesX::OwnRows),
-            basis.polynomial() == Polynomial::Cosine
-        );
+        debug_assert_eq!(matches!(self.times_x, TimesX::OwnRows), basis.polynomial() == Polynomial::Cosine);
         match (&mut self.times_x, basis.recurrence()) {
             (TimesX::Recurrence { below, here }, Some(by)) => {
                 // x = scale t + shift, since u = (t + 1)(points - 1)/2.
@@ -106,20 +92,14 @@ impl<T: Sample> Carriers<T> {
 
     /// Projects `planes[i]`, one row of a plane each, on all carriers that orders up to `order` need; `degrees[i]` is plane `i`'s
     /// degree, highest first. `moments` gets one stretch of [`Carriers::len`] per plane.
-    pub(crate) fn project(
-        &self,
-        planes: &[&[[T; LANES]]],
-        degrees: &[usize],
-        order: usize,
-        moments: &mut [f64],
-    ) {
+    pub(crate) fn project(&self, planes: &[&[[T; LANES]]], degrees: &[usize], order: usize, moments: &mut [f64]) {
         for degree in 0..=degrees[0] {
             let reaching = degrees.iter().take_while(|d| **d >= degree).count();
             let rows = self.range(degree, order);
             match planes[..reaching] {
                 [a] => self.tiles::<1, 4>([a], rows, moments),
-                [a, b] => self.tiles::<2, 4>([a, b], rows, moments),
-                [a, b, c] => self.tiles::<3, 4>([a, b, c], rows, moments),
+                [a, b] => self.tiles::<2, 2>([a, b], rows, moments),
+                [a, b, c] => self.tiles::<3, 2>([a, b, c], rows, moments),
                 [a, b, c, d] => self.tiles::<4, 2>([a, b, c, d], rows, moments),
                 [a, b, c, d, e] => self.tiles::<5, 2>([a, b, c, d, e], rows, moments),
                 _ => unreachable!("a view has one to five planes"),
@@ -128,19 +108,12 @@ impl<T: Sample> Carriers<T> {
     }
 
     /// From the moments of `x^degree p_n` and of the carriers, those of `x^(degree + 1) p_n` for `n < raised.len()`.
-    pub(crate) fn raise(
-        &self,
-        degree: usize,
-        carried: &[f64],
-        moments: &[f64],
-        raised: &mut [f64],
-    ) {
+    pub(crate) fn raise(&self, degree: usize, carried: &[f64], moments: &[f64], raised: &mut [f64]) {
         match &self.times_x {
             TimesX::Recurrence { below, here } => {
                 let mut before = 0.0;
                 for (n, raised) in raised.iter_mut().enumerate() {
-                    *raised =
-                        below[n] * before + here[n] * moments[n] + below[n + 1] * moments[n + 1];
+                    *raised = below[n] * before + here[n] * moments[n] + below[n + 1] * moments[n + 1];
                     before = moments[n];
                 }
             }
@@ -156,9 +129,7 @@ impl<T: Sample> Carriers<T> {
     /// The carriers that a plane of this degree needs beyond those of the degrees below.
     fn range(&self, degree: usize, order: usize) -> Range<usize> {
         match (&self.times_x, degree) {
-            (TimesX::OwnRows, _) => {
-                degree * (self.highest_order + 1)..degree * (self.highest_order + 1) + order + 1
-            }
+            (TimesX::OwnRows, _) => degree * (self.highest_order + 1)..degree * (self.highest_order + 1) + order + 1,
             (TimesX::Recurrence { .. }, 0) => 0..order + 1,
             (TimesX::Recurrence { .. }, _) => order + degree..order + degree + 1,
         }
@@ -181,10 +152,7 @@ impl<T: Sample> Carriers<T> {
         };
         let mut first = rows.start;
         while first + C <= rows.end {
-            write(
-                first,
-                &tile::<T, P, C>(planes, std::array::from_fn(|i| &self.rows[first + i][..])),
-            );
+            write(first, &tile::<T, P, C>(planes, std::array::from_fn(|i| &self.rows[first + i][..])));
             first += C;
         }
         for row in first..rows.end {
@@ -194,7 +162,7 @@ impl<T: Sample> Carriers<T> {
 }
 
 /// The products of `P` plane rows with `C` carriers. Every pair has its own strands, one per lane: no strand waits for another,
-/// and the compiler may keep each in one register.
+/// and the compiler may keep each in one register (so `P * C` stays at 10 or below, of 16).
 #[inline(always)]
 fn tile<T: Sample, const P: usize, const C: usize>(
     planes: [&[[T; LANES]]; P],

@@ -12,9 +12,7 @@ use crate::moments::{FeatureRow, Moments, Work};
 use crate::order::feature_count;
 use crate::sample::Sample;
 use crate::twist::Twist;
-use crate::window::{
-    Brightness, KrawtchoukP, NoBrightness, Rule, Window, WindowInUse, hahn_window, krawtchouk_p,
-};
+use crate::window::{Brightness, KrawtchoukP, NoBrightness, Rule, Window, WindowInUse, hahn_window, krawtchouk_p};
 
 /// What a camera sees: an image in `[0, 1]`, and how far it is.
 #[derive(Debug, Clone, Copy)]
@@ -174,11 +172,7 @@ impl<T: Sample> Servo<T> {
         let rank_deficient = solution.rank < free.iter().filter(|free| **free).count();
         let (capped, step_capped) = cap_step(solution.gauss_newton, self.law.step_cap);
         let gain_per_s = self.law.gain.per_second(pixel_mse);
-        let twist = if rank_deficient {
-            Twist::ZERO
-        } else {
-            Twist::from_array(capped).scaled(gain_per_s)
-        };
+        let twist = if rank_deficient { Twist::ZERO } else { Twist::from_array(capped).scaled(gain_per_s) };
 
         self.initial_mse = Some(initial_mse);
         Ok(Step {
@@ -231,11 +225,7 @@ impl<T: Sample> Servo<T> {
         if is_adaptive(&self.law) {
             self.current_brightness.set(current);
         }
-        window_in_use(
-            &self.law,
-            &self.current_brightness,
-            &self.desired_brightness,
-        )
+        window_in_use(&self.law, &self.current_brightness, &self.desired_brightness)
     }
 
     /// The one place that knows how each method makes its equations.
@@ -245,15 +235,10 @@ impl<T: Sample> Servo<T> {
         window: WindowInUse,
         order: usize,
     ) -> Result<NormalEquations, ServoError> {
-        let views = [
-            (current.image, current.depth),
-            (&self.desired_image, &self.desired_depth),
-        ];
+        let views = [(current.image, current.depth), (&self.desired_image, &self.desired_depth)];
         match self.law.method {
             Method::Hahn | Method::Krawtchouk | Method::Tchebichef | Method::Cosine => {
-                let equations =
-                    self.moments
-                        .normal_equations(polynomials(&self.law, window), order, views)?;
+                let equations = self.moments.normal_equations(polynomials(&self.law, window), order, views)?;
                 debug_assert_eq!(equations.features, feature_count(order));
                 Ok(equations)
             }
@@ -270,11 +255,7 @@ fn is_adaptive(law: &Law) -> bool {
     }
 }
 
-fn window_in_use(
-    law: &Law,
-    current: &Brightness,
-    desired: &Brightness,
-) -> Result<WindowInUse, NoBrightness> {
+fn window_in_use(law: &Law, current: &Brightness, desired: &Brightness) -> Result<WindowInUse, NoBrightness> {
     let hahn = |rule| hahn_window(rule, current, desired).map(|[x, y]| WindowInUse::Hahn { x, y });
     match (law.method, law.window, law.krawtchouk_p) {
         (Method::Hahn, Window::Adaptive, _) => hahn(Rule::Logs),
@@ -292,10 +273,7 @@ fn window_in_use(
 fn polynomials(law: &Law, window: WindowInUse) -> [Polynomial; 2] {
     match window {
         WindowInUse::Hahn { x, y } => [x, y].map(|[a, b]| Polynomial::Hahn { a, b }),
-        WindowInUse::Krawtchouk { p } => p.map(|p| Polynomial::Krawtchouk {
-            p,
-            lattice: law.lattice,
-        }),
+        WindowInUse::Krawtchouk { p } => p.map(|p| Polynomial::Krawtchouk { p, lattice: law.lattice }),
         WindowInUse::Whole if law.method == Method::Cosine => [Polynomial::Cosine; 2],
         WindowInUse::Whole => [Polynomial::Tchebichef; 2],
     }
@@ -307,27 +285,17 @@ fn check_view<T: Sample>(view: View<'_, T>, expected: [usize; 2]) -> Result<(), 
         Depth::Constant { depth_m } if *depth_m > 0.0 && depth_m.is_finite() => Ok(()),
         Depth::Constant { depth_m } => Err(ServoError::DepthNotPositive { depth_m: *depth_m }),
         Depth::Map(map) if map.inverse_per_m().size() == expected => Ok(()),
-        Depth::Map(map) => Err(ServoError::DepthSize {
-            expected,
-            got: map.inverse_per_m().size(),
-        }),
+        Depth::Map(map) => Err(ServoError::DepthSize { expected, got: map.inverse_per_m().size() }),
     }
 }
 
 fn check_size<T: Sample>(image: &Plane<T>, expected: [usize; 2]) -> Result<(), ServoError> {
     let got = image.size();
-    if got == expected {
-        Ok(())
-    } else {
-        Err(ServoError::ImageSize { expected, got })
-    }
+    if got == expected { Ok(()) } else { Err(ServoError::ImageSize { expected, got }) }
 }
 
 /// Mean of `(I - I*)²` over the pixels: `ē_I` of Eq. (26).
-fn mean_square_difference<T: Sample>(
-    image: &Plane<T>,
-    desired: &Plane<T>,
-) -> Result<f64, ServoError> {
+fn mean_square_difference<T: Sample>(image: &Plane<T>, desired: &Plane<T>) -> Result<f64, ServoError> {
     const STRANDS: usize = 8;
     let mut strands = [0.0; STRANDS];
     let [(image, image_rest), (desired, desired_rest)] =
@@ -338,16 +306,8 @@ fn mean_square_difference<T: Sample>(
             strands[i] += square(a[i], b[i]);
         }
     }
-    let rest: f64 = image_rest
-        .iter()
-        .zip(desired_rest)
-        .map(|(a, b)| square(*a, *b))
-        .sum();
+    let rest: f64 = image_rest.iter().zip(desired_rest).map(|(a, b)| square(*a, *b)).sum();
     let count = (STRANDS * image.len() + image_rest.len()) as f64;
     let mean = (strands.iter().sum::<f64>() + rest) / count;
-    if mean.is_finite() {
-        Ok(mean)
-    } else {
-        Err(ServoError::ImageNotFinite)
-    }
+    if mean.is_finite() { Ok(mean) } else { Err(ServoError::ImageNotFinite) }
 }

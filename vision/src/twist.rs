@@ -11,17 +11,11 @@ pub struct Twist {
 
 impl Twist {
     /// Standing still.
-    pub const ZERO: Twist = Twist {
-        linear_m_per_s: [0.0; 3],
-        angular_rad_per_s: [0.0; 3],
-    };
+    pub const ZERO: Twist = Twist { linear_m_per_s: [0.0; 3], angular_rad_per_s: [0.0; 3] };
 
     /// From `[v_x, v_y, v_z, ω_x, ω_y, ω_z]`.
     pub fn from_array([vx, vy, vz, wx, wy, wz]: [f64; 6]) -> Twist {
-        Twist {
-            linear_m_per_s: [vx, vy, vz],
-            angular_rad_per_s: [wx, wy, wz],
-        }
+        Twist { linear_m_per_s: [vx, vy, vz], angular_rad_per_s: [wx, wy, wz] }
     }
 
     /// As `[v_x, v_y, v_z, ω_x, ω_y, ω_z]`.
@@ -47,9 +41,7 @@ impl Twist {
 
     /// Whether all six components are numbers.
     pub fn is_finite(&self) -> bool {
-        self.to_array()
-            .iter()
-            .all(|component| component.is_finite())
+        self.to_array().iter().all(|component| component.is_finite())
     }
 }
 
@@ -66,10 +58,7 @@ mod tests {
     fn a_twist_and_its_array_are_the_same_six_numbers() {
         let six = [1.0, 2.0, 2.0, 0.0, -3.0, 4.0];
         let twist = Twist::from_array(six);
-        assert_eq!(
-            (twist.to_array(), twist.linear_norm(), twist.angular_norm()),
-            (six, 3.0, 5.0)
-        );
+        assert_eq!((twist.to_array(), twist.linear_norm(), twist.angular_norm()), (six, 3.0, 5.0));
         assert_eq!(twist.scaled(0.0).scaled(1.0).linear_norm(), 0.0);
         assert!(!twist.scaled(f64::NAN).is_finite());
     }

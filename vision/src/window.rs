@@ -64,10 +64,7 @@ pub enum WindowInUse {
 impl Default for Window {
     /// `a = b = 8` on both axes: a bell about the centre, 11.5 % of the side in standard deviation.
     fn default() -> Window {
-        Window::Fixed {
-            x: [8.0, 8.0],
-            y: [8.0, 8.0],
-        }
+        Window::Fixed { x: [8.0, 8.0], y: [8.0, 8.0] }
     }
 }
 
@@ -92,11 +89,8 @@ pub struct NoBrightness {
 impl Brightness {
     /// The sums of `image`.
     pub fn of<T: Sample>(image: &Plane<T>) -> Brightness {
-        let mut brightness = Brightness {
-            along_u: vec![0.0; image.width()],
-            along_v: vec![0.0; image.height()],
-            total: 0.0,
-        };
+        let mut brightness =
+            Brightness { along_u: vec![0.0; image.width()], along_v: vec![0.0; image.height()], total: 0.0 };
         brightness.set(image);
         brightness
     }
@@ -124,17 +118,11 @@ impl Brightness {
             moment / self.total
         });
         let ends = [self.along_u.len(), self.along_v.len()].map(|length| (length - 1) as f64);
-        let is_inside = centroid_px
-            .iter()
-            .zip(ends)
-            .all(|(c, end)| (0.0..=end).contains(c));
+        let is_inside = centroid_px.iter().zip(ends).all(|(c, end)| (0.0..=end).contains(c));
         if self.total > 0.0 && is_inside {
             Ok(centroid_px)
         } else {
-            Err(NoBrightness {
-                total: self.total,
-                centroid_px,
-            })
+            Err(NoBrightness { total: self.total, centroid_px })
         }
     }
 
@@ -146,10 +134,7 @@ impl Brightness {
     fn dispersion_px(&self, axis: usize, center: usize) -> usize {
         const THREE_SIGMA: f64 = 0.9973;
         let sums = self.along(axis);
-        let at = |i: Option<usize>| {
-            i.and_then(|i| sums.get(i))
-                .map_or(0.0, |sum| sum / self.total)
-        };
+        let at = |i: Option<usize>| i.and_then(|i| sums.get(i)).map_or(0.0, |sum| sum / self.total);
         let mut held = at(Some(center));
         for d in 0..sums.len() {
             if held > THREE_SIGMA {
@@ -165,11 +150,7 @@ impl Brightness {
 ///
 /// # Errors
 /// [`NoBrightness`].
-pub fn krawtchouk_p(
-    lattice: Lattice,
-    current: &Brightness,
-    desired: &Brightness,
-) -> Result<[f64; 2], NoBrightness> {
+pub fn krawtchouk_p(lattice: Lattice, current: &Brightness, desired: &Brightness) -> Result<[f64; 2], NoBrightness> {
     let center = mean_centroid(current, desired)?;
     Ok([0, 1].map(|axis| match lattice {
         Lattice::Paper => center[axis] / current.along(axis).len() as f64,
@@ -181,11 +162,7 @@ pub fn krawtchouk_p(
 ///
 /// # Errors
 /// [`NoBrightness`].
-pub fn hahn_window(
-    rule: Rule,
-    current: &Brightness,
-    desired: &Brightness,
-) -> Result<[[f64; 2]; 2], NoBrightness> {
+pub fn hahn_window(rule: Rule, current: &Brightness, desired: &Brightness) -> Result<[[f64; 2]; 2], NoBrightness> {
     Ok(hahn_window_unrounded(rule, current, desired)?.map(|ab| ab.map(f64::round)))
 }
 
@@ -246,46 +223,29 @@ mod tests {
     use super::*;
 
     fn spot(width: usize, height: usize, at: [usize; 2]) -> Brightness {
-        Brightness::of(&Plane::from_fn(width, height, |u, v| {
-            if [u, v] == at { 1.0 } else { 0.0 }
-        }))
+        Brightness::of(&Plane::from_fn(width, height, |u, v| if [u, v] == at { 1.0 } else { 0.0 }))
     }
 
     #[test]
     fn a_spot_has_its_place_and_no_spread() {
         let spot = spot(20, 10, [7, 3]);
         assert_eq!(spot.centroid_px(), Ok([7.0, 3.0]));
-        assert_eq!(
-            (
-                spot.dispersion_px(0, 7),
-                spot.dispersion_px(0, 9),
-                spot.dispersion_px(1, 0)
-            ),
-            (0, 2, 3)
-        );
+        assert_eq!((spot.dispersion_px(0, 7), spot.dispersion_px(0, 9), spot.dispersion_px(1, 0)), (0, 2, 3));
     }
 
     #[test]
     fn krawtchouk_looks_at_the_mean_centroid() {
         let (current, desired) = (spot(20, 11, [4, 2]), spot(20, 11, [8, 4]));
-        assert_eq!(
-            krawtchouk_p(Lattice::Paper, &current, &desired),
-            Ok([6.0 / 20.0, 3.0 / 11.0])
-        );
-        assert_eq!(
-            krawtchouk_p(Lattice::Exact, &current, &desired),
-            Ok([6.0 / 19.0, 0.3])
-        );
+        assert_eq!(krawtchouk_p(Lattice::Paper, &current, &desired), Ok([6.0 / 20.0, 3.0 / 11.0]));
+        assert_eq!(krawtchouk_p(Lattice::Exact, &current, &desired), Ok([6.0 / 19.0, 0.3]));
     }
 
     #[test]
     fn the_two_rules_agree_on_one_image_up_to_the_largest_sum() {
         let flat = Brightness::of(&Plane::filled(64, 64, 0.5f32));
-        let [logs, paper] = [Rule::Logs, Rule::Paper]
-            .map(|rule| hahn_window_unrounded(rule, &flat, &flat).expect("bright"));
-        assert!(
-            (logs[0][0] - paper[0][0]).abs() < 0.1 && hahn_window(Rule::Logs, &flat, &flat).is_ok()
-        );
+        let [logs, paper] =
+            [Rule::Logs, Rule::Paper].map(|rule| hahn_window_unrounded(rule, &flat, &flat).expect("bright"));
+        assert!((logs[0][0] - paper[0][0]).abs() < 0.1 && hahn_window(Rule::Logs, &flat, &flat).is_ok());
     }
 
     #[test]

@@ -1,0 +1,11 @@
+//! What the paper promises, one test per promise, against independent judges: literal double sums, values made at 60 to 200 digits,
+//! images rendered by ray casting. The data's way, file by file: bases, windows and orders, sums, motion, the servo.
+
+mod arbitrary;
+mod golden;
+mod judge;
+mod literal_sums;
+mod motion;
+mod reference;
+mod scenes;
+mod servo;
