@@ -46,14 +46,9 @@ impl BodyError {
 /// Reads a JSON body. Fails when it is too large, not JSON, or not a `T`.
 pub fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, BodyError> {
     if bytes.len() > MAX_JSON_BYTES {
-        return Err(BodyError::TooLarge {
-            limit_bytes: MAX_JSON_BYTES,
-            got_bytes: bytes.len(),
-        });
+        return Err(BodyError::TooLarge { limit_bytes: MAX_JSON_BYTES, got_bytes: bytes.len() });
     }
-    serde_json::from_slice(bytes).map_err(|error| BodyError::Unreadable {
-        reason: error.to_string(),
-    })
+    serde_json::from_slice(bytes).map_err(|error| BodyError::Unreadable { reason: error.to_string() })
 }
 
 /// Writes a JSON body: one line, no trailing newline.

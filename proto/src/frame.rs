@@ -4,9 +4,11 @@
 //! says by itself; `layout` checks it against the payload, so that no length in it can lie.
 //! The payload is never touched here: decoding pixels is the service's work.
 
+mod error;
 mod layout;
 mod secret;
 
+pub use error::FrameError;
 pub use layout::FrameLayout;
 pub use secret::{Secret, SecretError};
 
@@ -172,18 +174,9 @@ impl FrameHeader {
 
     /// The header as bytes: 48, or 64 with a secret.
     pub fn encode(&self) -> Vec<u8> {
-        let flags = if self.secret.is_some() {
-            FLAG_SECRET
-        } else {
-            0
-        };
+        let flags = if self.secret.is_some() { FLAG_SECRET } else { 0 };
         let mut bytes = Vec::with_capacity(HEADER_AND_SECRET_BYTES);
-        bytes.extend([
-            WIRE_VERSION,
-            self.pixel_format.code(),
-            self.depth_format.code(),
-            flags,
-        ]);
+        bytes.extend([WIRE_VERSION, self.pixel_format.code(), self.depth_format.code(), flags]);
         bytes.extend(self.width.to_le_bytes());
         bytes.extend(self.height.to_le_bytes());
         bytes.extend(self.row_bytes.to_le_bytes());
@@ -203,20 +196,12 @@ impl FrameHeader {
     /// or a length that is not what the flags say. The payload is not looked at: see [`FrameHeader::layout`].
     pub fn decode(bytes: &[u8]) -> Result<FrameHeader, FrameError> {
         // The version first: a later version may have another length.
-        let version = *bytes.first().ok_or(FrameError::HeaderLength {
-            expected: HEADER_BYTES,
-            got: 0,
-        })?;
+        let version = *bytes.first().ok_or(FrameError::HeaderLength { expected: HEADER_BYTES, got: 0 })?;
         if version != WIRE_VERSION {
             return Err(FrameError::WrongVersion { got: version });
         }
-        let short = || FrameError::HeaderLength {
-            expected: HEADER_BYTES,
-            got: bytes.len(),
-        };
-        let (fixed, rest) = bytes
-            .split_first_chunk::<HEADER_BYTES>()
-            .ok_or_else(short)?;
+        let short = || FrameError::HeaderLength { expected: HEADER_BYTES, got: bytes.len() };
+        let (fixed, rest) = bytes.split_first_chunk::<HEADER_BYTES>().ok_or_else(short)?;
         let secret = read_flags(fixed[3], rest)?;
         let word = |at: usize| u32::from_le_bytes(four(fixed, at));
         let long = |at: usize| u64::from(word(at)) | u64::from(word(at + 4)) << 32;
@@ -224,10 +209,8 @@ impl FrameHeader {
             return Err(FrameError::ReservedInUse { got: word(44) });
         }
         Ok(FrameHeader {
-            pixel_format: PixelFormat::from_code(fixed[1])
-                .ok_or(FrameError::UnknownPixelFormat { got: fixed[1] })?,
-            depth_format: DepthFormat::from_code(fixed[2])
-                .ok_or(FrameError::UnknownDepthFormat { got: fixed[2] })?,
+            pixel_format: PixelFormat::from_code(fixed[1]).ok_or(FrameError::UnknownPixelFormat { got: fixed[1] })?,
+            depth_format: DepthFormat::from_code(fixed[2]).ok_or(FrameError::UnknownDepthFormat { got: fixed[2] })?,
             width: word(4),
             height: word(8),
             row_bytes: word(12),
@@ -247,10 +230,7 @@ impl FrameHeader {
         match attachment {
             None | Some([]) => Ok(by_encoding),
             Some(bytes) => match <[u8; Secret::BYTES]>::try_from(bytes) {
-                Ok(secret) => Ok(FrameHeader {
-                    secret: Some(Secret::new(secret)),
-                    ..by_encoding
-                }),
+                Ok(secret) => Ok(FrameHeader { secret: Some(Secret::new(secret)), ..by_encoding }),
                 Err(_) => FrameHeader::decode(bytes),
             },
         }
@@ -262,123 +242,13 @@ fn read_flags(flags: u8, rest: &[u8]) -> Result<Option<Secret>, FrameError> {
     if flags & !FLAG_SECRET != 0 {
         return Err(FrameError::UnknownFlags { got: flags });
     }
-    let expected = if flags & FLAG_SECRET != 0 {
-        Secret::BYTES
-    } else {
-        0
-    };
+    let expected = if flags & FLAG_SECRET != 0 { Secret::BYTES } else { 0 };
     if rest.len() != expected {
-        return Err(FrameError::HeaderLength {
-            expected: HEADER_BYTES + expected,
-            got: HEADER_BYTES + rest.len(),
-        });
+        return Err(FrameError::HeaderLength { expected: HEADER_BYTES + expected, got: HEADER_BYTES + rest.len() });
     }
     Ok(<[u8; Secret::BYTES]>::try_from(rest).ok().map(Secret::new))
 }
 
 fn four(bytes: &[u8; HEADER_BYTES], at: usize) -> [u8; 4] {
     [bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]
-}
-
-/// Why a frame was refused before its pixels were read.
-#[derive(Debug, Clone, thiserror::Error, PartialEq)]
-#[non_exhaustive]
-pub enum FrameError {
-    /// The header is cut short or too long.
-    #[error("a frame header has {expected} bytes, got {got}")]
-    HeaderLength {
-        /// What the flags ask for, bytes.
-        expected: usize,
-        /// What came, bytes.
-        got: usize,
-    },
-    /// Byte 0 is not [`WIRE_VERSION`].
-    #[error("this service speaks wire version 1, got {got}")]
-    WrongVersion {
-        /// The version that came.
-        got: u8,
-    },
-    /// Byte 1 is not a pixel format.
-    #[error("pixel formats are 0 to 9, got {got}")]
-    UnknownPixelFormat {
-        /// The code that came.
-        got: u8,
-    },
-    /// Byte 2 is not a depth format.
-    #[error("depth formats are 0 to 2, got {got}")]
-    UnknownDepthFormat {
-        /// The code that came.
-        got: u8,
-    },
-    /// A flag that this version does not know: it might say that more bytes follow.
-    #[error("only bit 0 of the frame flags is known, got {got:#04x}")]
-    UnknownFlags {
-        /// The byte that came.
-        got: u8,
-    },
-    /// The reserved word is not 0.
-    #[error("the reserved word of a frame header must be 0, got {got:#010x}")]
-    ReservedInUse {
-        /// The word that came.
-        got: u32,
-    },
-    /// Width or height is 0 where the payload needs them, or only one of them is.
-    #[error("width and height must be positive, got {width}x{height}")]
-    EmptyImage {
-        /// Pixels in a row.
-        width: u32,
-        /// Rows.
-        height: u32,
-    },
-    /// YUYV needs an even width; NV12 an even width and height.
-    #[error("{pixel_format:?} needs an even size, got {width}x{height}")]
-    OddSize {
-        /// The format with shared colour samples.
-        pixel_format: PixelFormat,
-        /// Pixels in a row.
-        width: u32,
-        /// Rows.
-        height: u32,
-    },
-    /// A row does not fit into `row_bytes`, or rows of a PNG or JPEG were given a length.
-    #[error("a row takes {expected} bytes, got row_bytes {got}")]
-    RowBytes {
-        /// Bytes of a tight row.
-        expected: u64,
-        /// What the header says.
-        got: u32,
-    },
-    /// The sizes in the header cannot be counted in 64 bits.
-    #[error("a frame of {width}x{height} pixels is beyond counting")]
-    TooLarge {
-        /// Pixels in a row.
-        width: u32,
-        /// Rows.
-        height: u32,
-    },
-    /// The payload is not as long as the header says.
-    #[error("the payload must have {expected} bytes, got {got}")]
-    PayloadLength {
-        /// What the header adds up to, bytes.
-        expected: u64,
-        /// What came, bytes.
-        got: u64,
-    },
-    /// The payload of a PNG or JPEG has no byte for the image.
-    #[error("the payload holds no image")]
-    EmptyPayload,
-    /// The depth plane would start inside the pixels, or there is an offset without depth.
-    #[error("the depth plane must start at {expected} or later, got depth_offset {got}")]
-    DepthOffset {
-        /// The first byte after the pixels; 0 when there is no depth.
-        expected: u64,
-        /// What the header says.
-        got: u32,
-    },
-    /// `depth_unit_m` is not a length.
-    #[error("depth_unit_m must be positive and finite, got {got}")]
-    DepthUnit {
-        /// What the header says, metres per count.
-        got: f32,
-    },
 }

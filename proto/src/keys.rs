@@ -63,9 +63,7 @@ pub struct Keys {
 
 impl Default for Keys {
     fn default() -> Keys {
-        Keys {
-            prefix: "domvs".to_owned(),
-        }
+        Keys { prefix: "domvs".to_owned() }
     }
 }
 
@@ -75,9 +73,7 @@ impl Keys {
         for chunk in prefix.split('/') {
             Name::try_from(chunk)?;
         }
-        Ok(Keys {
-            prefix: prefix.to_owned(),
-        })
+        Ok(Keys { prefix: prefix.to_owned() })
     }
 
     /// The prefix of every key.
@@ -215,6 +211,11 @@ impl Keys {
         format!("{}/camera/{camera}/info", self.prefix)
     }
 
+    /// Queryable of simulated cameras: the frame that the camera would send from where it should be.
+    pub fn camera_desired(&self, camera: &Name) -> String {
+        format!("{}/camera/{camera}/desired", self.prefix)
+    }
+
     /// Liveliness token of a camera.
     pub fn camera_alive(&self, camera: &Name) -> String {
         format!("{}/camera/{camera}/alive", self.prefix)
@@ -268,10 +269,7 @@ impl Keys {
             ["task", client, id, "owner", worker, epoch] => Some((
                 task_key(client, id)?,
                 name(worker)?,
-                epoch
-                    .parse::<u32>()
-                    .ok()
-                    .filter(|e| e.to_string() == *epoch)?,
+                epoch.parse::<u32>().ok().filter(|e| e.to_string() == *epoch)?,
             )),
             _ => None,
         }
@@ -300,8 +298,5 @@ fn name(chunk: &str) -> Option<Name> {
 }
 
 fn task_key(client: &str, id: &str) -> Option<TaskKey> {
-    Some(TaskKey {
-        client: name(client)?,
-        id: name(id)?,
-    })
+    Some(TaskKey { client: name(client)?, id: name(id)? })
 }

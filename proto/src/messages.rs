@@ -199,10 +199,7 @@ impl WorkerInfo {
             worker,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             wire_version: WIRE_VERSION,
-            methods: Method::ALL
-                .into_iter()
-                .map(|method| method.word().to_owned())
-                .collect(),
+            methods: Method::ALL.into_iter().map(|method| method.word().to_owned()).collect(),
             tasks: 0,
             capacity: 0,
             load: 0.0,

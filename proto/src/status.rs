@@ -132,10 +132,7 @@ impl Status {
 
     /// Whether it stays until `start` or `resume`; the others clear at the next good frame.
     pub fn is_latched(self) -> bool {
-        matches!(
-            self,
-            Converged | Diverging | IterationCap | Paused | Stopped | Internal | ClientLost
-        )
+        matches!(self, Converged | Diverging | IterationCap | Paused | Stopped | Internal | ClientLost)
     }
 
     /// One sentence for people.
@@ -146,9 +143,7 @@ impl Status {
             WaitingTarget => "no target is set",
             WaitingFrame => "no frame has come within the watchdog time",
             StaleFrame => "the frame is too old, or not newer than the one before",
-            BadFrame => {
-                "the frame is undecodable, of the wrong size or version, or mostly not finite"
-            }
+            BadFrame => "the frame is undecodable, of the wrong size or version, or mostly not finite",
             LowTexture => "the image is black, white or flat",
             NoDepth => "over half of the depth is unknown and there is no fallback",
             Diverging => "the error grows instead of shrinking",
@@ -212,7 +207,6 @@ impl Serialize for Status {
 impl<'de> Deserialize<'de> for Status {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Status, D::Error> {
         let word = String::deserialize(deserializer)?;
-        Status::from_word(&word)
-            .ok_or_else(|| D::Error::custom(format!("unknown status {word:?}: brake")))
+        Status::from_word(&word).ok_or_else(|| D::Error::custom(format!("unknown status {word:?}: brake")))
     }
 }

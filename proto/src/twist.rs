@@ -31,21 +31,12 @@ pub struct TwistFlags {
 
 impl TwistFlags {
     /// The words of the bits, from bit 0.
-    pub const WORDS: [&'static str; 5] = [
-        "speed_limited",
-        "acceleration_limited",
-        "within_threshold",
-        "depth_estimated",
-        "step_capped",
-    ];
+    pub const WORDS: [&'static str; 5] =
+        ["speed_limited", "acceleration_limited", "within_threshold", "depth_estimated", "step_capped"];
 
     /// The flags as bits.
     pub fn to_bits(self) -> u16 {
-        self.in_order()
-            .into_iter()
-            .enumerate()
-            .map(|(bit, set)| u16::from(set) << bit)
-            .sum()
+        self.in_order().into_iter().enumerate().map(|(bit, set)| u16::from(set) << bit).sum()
     }
 
     /// The flags of these bits; unknown ones are dropped.
@@ -62,11 +53,7 @@ impl TwistFlags {
 
     /// The words of the flags that are set.
     pub fn words(self) -> Vec<&'static str> {
-        TwistFlags::WORDS
-            .into_iter()
-            .zip(self.in_order())
-            .filter_map(|(word, set)| set.then_some(word))
-            .collect()
+        TwistFlags::WORDS.into_iter().zip(self.in_order()).filter_map(|(word, set)| set.then_some(word)).collect()
     }
 
     /// The flags of these words; unknown ones are dropped.
@@ -76,13 +63,7 @@ impl TwistFlags {
     }
 
     fn in_order(self) -> [bool; 5] {
-        [
-            self.speed_limited,
-            self.acceleration_limited,
-            self.within_threshold,
-            self.depth_estimated,
-            self.step_capped,
-        ]
+        [self.speed_limited, self.acceleration_limited, self.within_threshold, self.depth_estimated, self.step_capped]
     }
 }
 
@@ -152,16 +133,9 @@ impl TwistMessage {
     pub fn encode(&self) -> [u8; TWIST_BYTES] {
         let sent = match self.check() {
             Ok(()) => *self,
-            Err(_) => TwistMessage {
-                status: Status::Internal,
-                twist: [0.0; 6],
-                ..*self
-            },
+            Err(_) => TwistMessage { status: Status::Internal, twist: [0.0; 6], ..*self },
         };
-        let mut out = Writer {
-            bytes: [0; TWIST_BYTES],
-            at: 0,
-        };
+        let mut out = Writer { bytes: [0; TWIST_BYTES], at: 0 };
         out.put([WIRE_VERSION, sent.status.code()]);
         for half in [sent.flags.to_bits(), sent.order, sent.features] {
             out.put(half.to_le_bytes());
@@ -187,10 +161,8 @@ impl TwistMessage {
             Some(&WIRE_VERSION) | None => {}
             Some(&got) => return Err(TwistError::WrongVersion { got }),
         }
-        let bytes: &[u8; TWIST_BYTES] = bytes.try_into().map_err(|_| TwistError::Length {
-            expected: TWIST_BYTES,
-            got: bytes.len(),
-        })?;
+        let bytes: &[u8; TWIST_BYTES] =
+            bytes.try_into().map_err(|_| TwistError::Length { expected: TWIST_BYTES, got: bytes.len() })?;
         let mut input = Reader { bytes, at: 1 };
         let code = input.take::<1>()[0];
         let mut half = || u16::from_le_bytes(input.take());
@@ -224,11 +196,7 @@ impl TwistMessage {
     /// The message with the status that was read: an unknown one (`None`) stops, a known one must fit the twist.
     fn with_status(self, status: Option<Status>) -> Result<TwistMessage, TwistError> {
         match status {
-            None => Ok(TwistMessage {
-                status: Status::Internal,
-                twist: [0.0; 6],
-                ..self
-            }),
+            None => Ok(TwistMessage { status: Status::Internal, twist: [0.0; 6], ..self }),
             Some(status) => {
                 let message = TwistMessage { status, ..self };
                 message.check().map(|()| message)
@@ -242,21 +210,13 @@ impl TwistMessage {
             return Err(TwistError::NotFinite { got: self.twist });
         }
         if !self.is_servoing() && self.twist.iter().any(|component| *component != 0.0) {
-            return Err(TwistError::MotionWithoutServoing {
-                status: self.status,
-                got: self.twist,
-            });
+            return Err(TwistError::MotionWithoutServoing { status: self.status, got: self.twist });
         }
         Ok(())
     }
 
     fn diagnostics(&self) -> [f64; 4] {
-        [
-            self.pixel_mse,
-            self.feature_error_norm,
-            self.condition_number,
-            self.gain,
-        ]
+        [self.pixel_mse, self.feature_error_norm, self.condition_number, self.gain]
     }
 }
 
@@ -300,7 +260,7 @@ pub enum TwistError {
     },
 }
 
-/// Fills the fixed bytes from the front; all sizes are known when compiling the callers' tests.
+/// Fills the fixed bytes from the front; the golden twist proves that the fields fill them as they should.
 struct Writer {
     bytes: [u8; TWIST_BYTES],
     at: usize,

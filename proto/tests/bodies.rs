@@ -17,10 +17,7 @@ fn a_body_over_the_limit_is_not_read() {
     bytes.resize(MAX_JSON_BYTES, b' ');
     assert!(body::read::<Value>(&bytes).is_ok());
     bytes.push(b' ');
-    let expected = BodyError::TooLarge {
-        limit_bytes: 65_536,
-        got_bytes: 65_537,
-    };
+    let expected = BodyError::TooLarge { limit_bytes: 65_536, got_bytes: 65_537 };
     assert_eq!(body::read::<Value>(&bytes), Err(expected));
     assert_eq!(create(&bytes).code(), ErrorCode::TooLarge);
 }
@@ -57,10 +54,7 @@ fn a_body_that_is_not_json_is_refused() {
 fn settings_are_an_object() {
     for bytes in [&b"null"[..], b"[]", b"1", b"\"hahn\"", b"true"] {
         let error = create(bytes);
-        assert!(
-            matches!(error, SettingsError::NotAnObject { .. }),
-            "{error}"
-        );
+        assert!(matches!(error, SettingsError::NotAnObject { .. }), "{error}");
         assert_eq!(error.code(), ErrorCode::BadSettings);
     }
 }
@@ -68,13 +62,7 @@ fn settings_are_an_object() {
 #[test]
 fn control_takes_five_words_and_nothing_else() {
     let words = ["start", "pause", "resume", "stop", "close"];
-    let controls = [
-        Control::Start,
-        Control::Pause,
-        Control::Resume,
-        Control::Stop,
-        Control::Close,
-    ];
+    let controls = [Control::Start, Control::Pause, Control::Resume, Control::Stop, Control::Close];
     for (word, control) in words.into_iter().zip(controls) {
         let text = format!("{{\"do\":\"{word}\"}}");
         assert_eq!(body::read::<Control>(text.as_bytes()), Ok(control));
@@ -95,22 +83,15 @@ fn control_takes_five_words_and_nothing_else() {
 
 #[test]
 fn answers_are_read_tolerantly() {
-    let reply = format!(
-        "{{\"task\":\"a/b\",\"epoch\":1,\"secret\":\"{}\",\"new\":[]}}",
-        "0f".repeat(16)
-    );
+    let reply = format!("{{\"task\":\"a/b\",\"epoch\":1,\"secret\":\"{}\",\"new\":[]}}", "0f".repeat(16));
     assert!(body::read::<CreateReply>(reply.as_bytes()).is_ok());
-    let error =
-        body::read::<ErrorReply>(b"{\"code\":\"from_the_future\",\"error\":\"e\"}").unwrap();
+    let error = body::read::<ErrorReply>(b"{\"code\":\"from_the_future\",\"error\":\"e\"}").unwrap();
     assert_eq!(error.code, ErrorCode::Internal);
 }
 
 #[test]
 fn names_in_answers_are_checked() {
-    let reply = format!(
-        "{{\"task\":\"a/*\",\"epoch\":1,\"secret\":\"{}\"}}",
-        "0f".repeat(16)
-    );
+    let reply = format!("{{\"task\":\"a/*\",\"epoch\":1,\"secret\":\"{}\"}}", "0f".repeat(16));
     assert!(body::read::<CreateReply>(reply.as_bytes()).is_err());
     assert!(body::read::<StatusMessage>(b"{\"task\":\"../x\"}").is_err());
 }

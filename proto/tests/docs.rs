@@ -23,26 +23,17 @@ fn protocol() -> String {
 }
 
 fn assert_documented(text: &str) {
-    assert!(
-        protocol().contains(text),
-        "docs/protocol.md must hold:\n{text}"
-    );
+    assert!(protocol().contains(text), "docs/protocol.md must hold:\n{text}");
 }
 
 /// The contents of the fenced blocks of one language.
 fn blocks(language: &str) -> Vec<String> {
     let (text, fence) = (protocol(), format!("```{language}\n"));
-    text.split(&fence)
-        .skip(1)
-        .map(|rest| rest.split("```").next().unwrap().to_owned())
-        .collect()
+    text.split(&fence).skip(1).map(|rest| rest.split("```").next().unwrap().to_owned()).collect()
 }
 
 fn json_blocks() -> Vec<Value> {
-    blocks("json")
-        .iter()
-        .map(|block| serde_json::from_str(block).unwrap())
-        .collect()
+    blocks("json").iter().map(|block| serde_json::from_str(block).unwrap()).collect()
 }
 
 #[test]
@@ -52,8 +43,7 @@ fn settings_table_is_the_one_in_the_code() {
 
 #[test]
 fn status_table_is_the_one_in_the_code() {
-    let mut rows =
-        "| code | status | latched | meaning | what to do |\n|---|---|---|---|---|".to_owned();
+    let mut rows = "| code | status | latched | meaning | what to do |\n|---|---|---|---|---|".to_owned();
     for status in Status::ALL {
         let latched = if status.is_latched() { "yes" } else { "" };
         let (code, meaning, advice) = (status.code(), status.meaning(), status.advice());
@@ -73,10 +63,7 @@ fn error_code_table_is_the_one_in_the_code() {
 
 #[test]
 fn default_settings_are_those_of_the_code() {
-    let defaults = json_blocks()
-        .into_iter()
-        .find(|block| block.get("idle_close_s").is_some())
-        .unwrap();
+    let defaults = json_blocks().into_iter().find(|block| block.get("idle_close_s").is_some()).unwrap();
     let read = TaskSettings::from_json(&defaults).unwrap();
     assert_eq!(read, TaskSettings::new(read.camera));
     assert_eq!(defaults, read.to_value());
@@ -97,10 +84,7 @@ fn json_examples_are_the_golden_ones() {
         "twist",
     ] {
         let golden: Value = serde_json::from_str(&file(&format!("golden/v1/{name}.json"))).unwrap();
-        assert!(
-            documented.contains(&golden),
-            "{name} is not among the examples"
-        );
+        assert!(documented.contains(&golden), "{name} is not among the examples");
     }
 }
 
@@ -119,18 +103,7 @@ fn layouts_and_sizes_are_printed() {
 
 #[test]
 fn every_format_code_is_printed() {
-    let names = [
-        "by Encoding",
-        "mono8",
-        "mono16",
-        "rgb8",
-        "bgr8",
-        "rgba8",
-        "bgra8",
-        "mono32f",
-        "yuyv",
-        "nv12",
-    ];
+    let names = ["by Encoding", "mono8", "mono16", "rgb8", "bgr8", "rgba8", "bgra8", "mono32f", "yuyv", "nv12"];
     for (format, name) in PixelFormat::ALL.into_iter().zip(names) {
         assert_documented(&format!("| {} | {name} |", format.code()));
     }
@@ -144,42 +117,27 @@ fn every_key_is_printed() {
     let keys = Keys::default();
     let (wid, cid, id) = ("W", "C", "I");
     let name = |text: &str| Name::try_from(text).unwrap();
-    let task = TaskKey {
-        client: name(cid),
-        id: name(id),
-    };
-    let mut all: Vec<String> = Leaf::ALL
-        .iter()
-        .map(|leaf| keys.task(&task, *leaf))
-        .collect();
+    let task = TaskKey { client: name(cid), id: name(id) };
+    let mut all: Vec<String> = Leaf::ALL.iter().map(|leaf| keys.task(&task, *leaf)).collect();
     all.extend([
         keys.worker_alive(&name(wid)),
         keys.worker_info(&name(wid)),
         keys.create(&name(wid), &name(cid)),
         keys.owner(&task, &name(wid), 0).replace("/0", "/<epoch>"),
         keys.client_alive(&name(cid)),
-        keys.camera_frame(&name("N"))
-            .replace("frame", "{frame,info,alive}"),
+        keys.camera_frame(&name("N")).replace("frame", "{frame,info,alive}"),
         keys.stop(),
     ]);
     for key in all {
-        let key = key
-            .replace("/W", "/<wid>")
-            .replace("/C/", "/<cid>/")
-            .replace("/I/", "/<id>/")
-            .replace("/N/", "/<name>/");
-        let key = key
-            .strip_suffix("/C")
-            .map(|rest| format!("{rest}/<cid>"))
-            .unwrap_or(key);
+        let key =
+            key.replace("/W", "/<wid>").replace("/C/", "/<cid>/").replace("/I/", "/<id>/").replace("/N/", "/<name>/");
+        let key = key.strip_suffix("/C").map(|rest| format!("{rest}/<cid>")).unwrap_or(key);
         assert_documented(&format!("| `{key}` |"));
     }
 }
 
 #[test]
 fn there_is_one_complete_example_in_python() {
-    let complete = blocks("python")
-        .into_iter()
-        .filter(|block| block.contains("zenoh.open"));
+    let complete = blocks("python").into_iter().filter(|block| block.contains("zenoh.open"));
     assert_eq!(complete.count(), 1);
 }

@@ -11,12 +11,12 @@ use domvs_proto::body;
 use domvs_proto::frame::{DepthFormat, FrameHeader, PixelFormat, Secret};
 use domvs_proto::keys::{Name, TaskKey};
 use domvs_proto::messages::{
-    CameraInfo, Control, ControlReply, CreateReply, ErrorCode, ErrorReply, FramesDropped, Progress,
-    StatusMessage, TargetReference, TaskState, WorkerInfo,
+    CameraInfo, Control, ControlReply, CreateReply, ErrorCode, ErrorReply, FramesDropped, Progress, StatusMessage,
+    TargetReference, TaskState, WorkerInfo,
 };
 use domvs_proto::settings::{
-    AdaptiveGain, Camera, Depth, Frames, Gain, Krawtchouk, KrawtchoukP, Lattice, Lease, Limits,
-    Method, OrderRange, Preprocess, Stop, TaskSettings, Window,
+    AdaptiveGain, Camera, Depth, Frames, Gain, Krawtchouk, KrawtchoukP, Lattice, Lease, Limits, Method, OrderRange,
+    Preprocess, Stop, TaskSettings, Window,
 };
 use domvs_proto::status::Status;
 use domvs_proto::twist::{TwistFlags, TwistMessage};
@@ -25,17 +25,12 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 fn golden(name: &str) -> String {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("golden/v1")
-        .join(name);
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("golden/v1").join(name);
     std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
 fn golden_bytes(name: &str) -> Vec<u8> {
-    golden(name)
-        .split_whitespace()
-        .map(|byte| u8::from_str_radix(byte, 16).unwrap())
-        .collect()
+    golden(name).split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
 /// Both ways: the file reads as `message`, and `message` writes what is in the file.
@@ -73,31 +68,16 @@ fn camera() -> Camera {
 fn settings() -> TaskSettings {
     TaskSettings {
         method: Method::Krawtchouk,
-        window: Window::Fixed {
-            a: [6.0, 4.0],
-            b: [5.0, 5.0],
-        },
-        krawtchouk: Krawtchouk {
-            p: KrawtchoukP::Fixed([0.4, 0.6]),
-            lattice: Lattice::Paper,
-        },
+        window: Window::Fixed { a: [6.0, 4.0], b: [5.0, 5.0] },
+        krawtchouk: Krawtchouk { p: KrawtchoukP::Fixed([0.4, 0.6]), lattice: Lattice::Paper },
         order: OrderRange { min: 8, max: 8 },
         epsilon: 0.002,
-        gain: Some(Gain::Adaptive(AdaptiveGain {
-            at_zero: 4.0,
-            at_infinity: 0.4,
-            slope_at_zero: 30.0,
-        })),
+        gain: Some(Gain::Adaptive(AdaptiveGain { at_zero: 4.0, at_infinity: 0.4, slope_at_zero: 30.0 })),
         frame_period_s: 0.04,
         step_cap: None,
         camera: camera(),
-        depth: Depth::Map {
-            fallback_m: Some(0.9),
-        },
-        preprocess: Preprocess {
-            invert: true,
-            ..Preprocess::default()
-        },
+        depth: Depth::Map { fallback_m: Some(0.9) },
+        preprocess: Preprocess { invert: true, ..Preprocess::default() },
         limits: Some(Limits {
             linear_m_per_s: 0.1,
             angular_rad_per_s: 0.3,
@@ -105,13 +85,7 @@ fn settings() -> TaskSettings {
             angular_rad_per_s2: 1.0,
         }),
         degrees_of_freedom: [true, true, true, false, false, true],
-        stop: Stop {
-            step_m: 0.001,
-            step_rad: 0.002,
-            pixel_mse: Some(0.0004),
-            hold_frames: 3,
-            max_iterations: 500,
-        },
+        stop: Stop { step_m: 0.001, step_rad: 0.002, pixel_mse: Some(0.0004), hold_frames: 3, max_iterations: 500 },
         frames: Frames::Key("domvs/camera/front/frame".to_owned()),
         ros2: None,
         watchdog_ms: Some(300),
@@ -125,12 +99,7 @@ fn settings() -> TaskSettings {
 fn twist() -> TwistMessage {
     TwistMessage {
         status: Status::Servoing,
-        flags: TwistFlags {
-            speed_limited: true,
-            depth_estimated: true,
-            step_capped: true,
-            ..TwistFlags::default()
-        },
+        flags: TwistFlags { speed_limited: true, depth_estimated: true, step_capped: true, ..TwistFlags::default() },
         order: 12,
         features: 91,
         sequence: 4711,
@@ -177,11 +146,8 @@ fn frame_header_is_48_bytes_as_printed() {
 
 #[test]
 fn frame_header_with_secret_is_64_bytes_as_printed() {
-    let header = FrameHeader {
-        sequence: u64::MAX,
-        secret: Some(secret()),
-        ..FrameHeader::new(PixelFormat::Nv12, 1280, 720)
-    };
+    let header =
+        FrameHeader { sequence: u64::MAX, secret: Some(secret()), ..FrameHeader::new(PixelFormat::Nv12, 1280, 720) };
     let bytes = golden_bytes("frame_header_secret.hex");
     assert_eq!(bytes.len(), 64);
     assert_eq!(header.encode(), bytes);
@@ -210,55 +176,31 @@ fn twist_as_json_has_the_same_fields() {
         let file = golden(file);
         let written: Value = serde_json::from_str(&message.to_json()).unwrap();
         assert_eq!(written, serde_json::from_str::<Value>(&file).unwrap());
-        assert_eq!(
-            TwistMessage::from_json(file.as_bytes()).unwrap().encode(),
-            message.encode()
-        );
+        assert_eq!(TwistMessage::from_json(file.as_bytes()).unwrap().encode(), message.encode());
     }
 }
 
 #[test]
 fn settings_are_as_printed() {
     same_as_file("settings.json", &settings());
-    assert_eq!(
-        TaskSettings::from_create_body(golden("settings.json").as_bytes()).unwrap(),
-        settings()
-    );
+    assert_eq!(TaskSettings::from_create_body(golden("settings.json").as_bytes()).unwrap(), settings());
 }
 
 #[test]
 fn create_needs_nothing_but_a_camera() {
     let created = TaskSettings::from_create_body(golden("create.json").as_bytes()).unwrap();
-    assert_eq!(
-        created,
-        TaskSettings::new(Camera {
-            distortion: None,
-            ..camera()
-        })
-    );
+    assert_eq!(created, TaskSettings::new(Camera { distortion: None, ..camera() }));
 }
 
 #[test]
 fn create_reply_is_as_printed() {
-    same_as_file(
-        "create_reply.json",
-        &CreateReply {
-            task: task(),
-            epoch: 65_578,
-            secret: secret(),
-        },
-    );
+    same_as_file("create_reply.json", &CreateReply { task: task(), epoch: 65_578, secret: secret() });
 }
 
 #[test]
 fn control_is_as_printed() {
     same_as_file("control.json", &Control::Start);
-    same_as_file(
-        "control_reply.json",
-        &ControlReply {
-            status: Status::Ready,
-        },
-    );
+    same_as_file("control_reply.json", &ControlReply { status: Status::Ready });
 }
 
 #[test]
@@ -266,12 +208,7 @@ fn status_message_is_as_printed() {
     let message = StatusMessage {
         detail: Some("the target has 640x480 pixels, the frame 320x240".to_owned()),
         frames_in: 120,
-        frames_dropped: FramesDropped {
-            superseded: 3,
-            bad: 1,
-            stale: 2,
-            ..FramesDropped::default()
-        },
+        frames_dropped: FramesDropped { superseded: 3, bad: 1, stale: 2, ..FramesDropped::default() },
         twists: 114,
         sequence: 4713,
         order: 12,
@@ -302,35 +239,15 @@ fn worker_info_is_as_printed() {
 
 #[test]
 fn camera_info_is_as_printed() {
-    let camera = Camera {
-        distortion: None,
-        ..camera()
-    };
-    same_as_file(
-        "camera_info.json",
-        &CameraInfo {
-            name: name("front"),
-            camera,
-            frame_period_s: 0.0625,
-            depth: true,
-        },
-    );
+    let camera = Camera { distortion: None, ..camera() };
+    same_as_file("camera_info.json", &CameraInfo { name: name("front"), camera, frame_period_s: 0.0625, depth: true });
 }
 
 #[test]
 fn task_state_is_as_printed() {
-    let target = TargetReference {
-        hash: "9f86d081884c7d65".to_owned(),
-        width: 640,
-        height: 480,
-        payload_bytes: 921_600,
-    };
-    let progress = Progress {
-        status: Status::Servoing,
-        twists: 114,
-        held_frames: 0,
-        sequence: 4713,
-    };
+    let target =
+        TargetReference { hash: "9f86d081884c7d65".to_owned(), width: 640, height: 480, payload_bytes: 921_600 };
+    let progress = Progress { status: Status::Servoing, twists: 114, held_frames: 0, sequence: 4713 };
     let state = TaskState {
         task: task(),
         worker: name("w1"),
@@ -345,15 +262,7 @@ fn task_state_is_as_printed() {
 #[test]
 fn error_reply_is_as_printed() {
     let error = "order.max must be at most min(width, height) - 3 = 5 for 640x8 pixels, got 16";
-    same_as_file(
-        "error_reply.json",
-        &ErrorReply::new(ErrorCode::BadSettings, error),
-    );
-    let refused = TaskSettings::new(Camera {
-        height: 8,
-        ..camera()
-    })
-    .validate()
-    .unwrap_err();
+    same_as_file("error_reply.json", &ErrorReply::new(ErrorCode::BadSettings, error));
+    let refused = TaskSettings::new(Camera { height: 8, ..camera() }).validate().unwrap_err();
     assert_eq!(ErrorReply::from(&refused).error, error);
 }

@@ -23,10 +23,7 @@ fn keys_are_those_of_the_design() {
     assert_eq!(keys.workers_info(), "domvs/worker/*/info");
     assert_eq!(keys.create(&w, &a), "domvs/worker/w1/create/alice");
     assert_eq!(keys.creates(&w), "domvs/worker/w1/create/*");
-    assert_eq!(
-        keys.owner(&task(), &w, 65_578),
-        "domvs/task/alice/t-1/owner/w1/65578"
-    );
+    assert_eq!(keys.owner(&task(), &w, 65_578), "domvs/task/alice/t-1/owner/w1/65578");
     assert_eq!(keys.owners(), "domvs/task/*/*/owner/**");
     assert_eq!(keys.owners_of(&task()), "domvs/task/alice/t-1/owner/**");
     assert_eq!(keys.target(&task()), "domvs/task/alice/t-1/target");
@@ -44,6 +41,7 @@ fn keys_are_those_of_the_design() {
     assert_eq!(keys.clients_alive(), "domvs/client/*/alive");
     assert_eq!(keys.camera_frame(&a), "domvs/camera/alice/frame");
     assert_eq!(keys.camera_info(&a), "domvs/camera/alice/info");
+    assert_eq!(keys.camera_desired(&a), "domvs/camera/alice/desired");
     assert_eq!(keys.camera_alive(&a), "domvs/camera/alice/alive");
     assert_eq!(keys.cameras_alive(), "domvs/camera/*/alive");
     assert_eq!(keys.stop(), "domvs/stop");
@@ -54,28 +52,13 @@ fn what_is_built_is_parsed_again() {
     for prefix in ["domvs", "site-4/cell_2"] {
         let keys = Keys::new(prefix).unwrap();
         let (w, a) = (name("w1"), name("alice"));
-        assert_eq!(
-            keys.parse_create(&keys.create(&w, &a)),
-            Some((w.clone(), a.clone()))
-        );
-        assert_eq!(
-            keys.parse_worker_alive(&keys.worker_alive(&w)),
-            Some(w.clone())
-        );
-        assert_eq!(
-            keys.parse_client_alive(&keys.client_alive(&a)),
-            Some(a.clone())
-        );
+        assert_eq!(keys.parse_create(&keys.create(&w, &a)), Some((w.clone(), a.clone())));
+        assert_eq!(keys.parse_worker_alive(&keys.worker_alive(&w)), Some(w.clone()));
+        assert_eq!(keys.parse_client_alive(&keys.client_alive(&a)), Some(a.clone()));
         assert_eq!(keys.parse_camera_alive(&keys.camera_alive(&a)), Some(a));
-        assert_eq!(
-            keys.parse_owner(&keys.owner(&task(), &w, u32::MAX)),
-            Some((task(), w, u32::MAX))
-        );
+        assert_eq!(keys.parse_owner(&keys.owner(&task(), &w, u32::MAX)), Some((task(), w, u32::MAX)));
         for leaf in Leaf::ALL {
-            assert_eq!(
-                keys.parse_task(&keys.task(&task(), leaf)),
-                Some((task(), leaf))
-            );
+            assert_eq!(keys.parse_task(&keys.task(&task(), leaf)), Some((task(), leaf)));
         }
     }
 }
@@ -116,22 +99,11 @@ fn foreign_keys_are_not_parsed() {
 
 #[test]
 fn a_name_holds_nothing_that_routes() {
-    for text in [
-        "a/b", "*", "**", "a$*", "@v1", "a?b", "a#b", "a b", "ä", "a\0", "a.b", "a\n", "%2F",
-    ] {
-        assert!(
-            matches!(Name::try_from(text), Err(KeyError::NameCharacter { .. })),
-            "{text:?}"
-        );
+    for text in ["a/b", "*", "**", "a$*", "@v1", "a?b", "a#b", "a b", "ä", "a\0", "a.b", "a\n", "%2F"] {
+        assert!(matches!(Name::try_from(text), Err(KeyError::NameCharacter { .. })), "{text:?}");
     }
-    assert_eq!(
-        Name::try_from(""),
-        Err(KeyError::NameLength { got_bytes: 0 })
-    );
-    assert_eq!(
-        Name::try_from("x".repeat(65).as_str()),
-        Err(KeyError::NameLength { got_bytes: 65 })
-    );
+    assert_eq!(Name::try_from(""), Err(KeyError::NameLength { got_bytes: 0 }));
+    assert_eq!(Name::try_from("x".repeat(65).as_str()), Err(KeyError::NameLength { got_bytes: 65 }));
     assert!(Name::try_from("x".repeat(64).as_str()).is_ok());
     assert!(serde_json::from_str::<Name>("\"a/b\"").is_err());
 }

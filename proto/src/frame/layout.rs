@@ -29,9 +29,7 @@ impl FrameHeader {
         let pixel_bytes = match self.pixel_format {
             PixelFormat::ByEncoding if depth_bytes.is_some() => u64::from(self.depth_offset),
             PixelFormat::ByEncoding => payload_bytes,
-            _ => row_bytes
-                .checked_mul(self.rows())
-                .ok_or_else(|| self.too_large())?,
+            _ => row_bytes.checked_mul(self.rows()).ok_or_else(|| self.too_large())?,
         };
         let end = match depth_bytes {
             None if self.depth_offset != 0 => return Err(self.bad_depth_offset(0)),
@@ -39,15 +37,12 @@ impl FrameHeader {
             Some(_) if u64::from(self.depth_offset) < pixel_bytes => {
                 return Err(self.bad_depth_offset(pixel_bytes));
             }
-            Some(depth_bytes) => u64::from(self.depth_offset)
-                .checked_add(depth_bytes)
-                .ok_or_else(|| self.too_large())?,
+            Some(depth_bytes) => {
+                u64::from(self.depth_offset).checked_add(depth_bytes).ok_or_else(|| self.too_large())?
+            }
         };
         if end != payload_bytes {
-            return Err(FrameError::PayloadLength {
-                expected: end,
-                got: payload_bytes,
-            });
+            return Err(FrameError::PayloadLength { expected: end, got: payload_bytes });
         }
         if pixel_bytes == 0 {
             return Err(FrameError::EmptyPayload);
@@ -73,11 +68,7 @@ impl FrameHeader {
             _ => false,
         };
         if odd {
-            return Err(FrameError::OddSize {
-                pixel_format: self.pixel_format,
-                width,
-                height,
-            });
+            return Err(FrameError::OddSize { pixel_format: self.pixel_format, width, height });
         }
         Ok(())
     }
@@ -88,10 +79,7 @@ impl FrameHeader {
         match u64::from(self.row_bytes) {
             0 if tight <= u64::from(u32::MAX) => Ok(tight),
             0 => Err(self.too_large()),
-            given if given < tight || encoded => Err(FrameError::RowBytes {
-                expected: tight,
-                got: self.row_bytes,
-            }),
+            given if given < tight || encoded => Err(FrameError::RowBytes { expected: tight, got: self.row_bytes }),
             given => Ok(given),
         }
     }
@@ -101,9 +89,7 @@ impl FrameHeader {
             return Ok(None);
         }
         if !(self.depth_unit_m.is_finite() && self.depth_unit_m > 0.0) {
-            return Err(FrameError::DepthUnit {
-                got: self.depth_unit_m,
-            });
+            return Err(FrameError::DepthUnit { got: self.depth_unit_m });
         }
         let pixels = u64::from(self.width) * u64::from(self.height);
         let bytes = pixels.checked_mul(u64::from(self.depth_format.bytes_per_pixel()));
@@ -120,16 +106,10 @@ impl FrameHeader {
     }
 
     fn too_large(&self) -> FrameError {
-        FrameError::TooLarge {
-            width: self.width,
-            height: self.height,
-        }
+        FrameError::TooLarge { width: self.width, height: self.height }
     }
 
     fn bad_depth_offset(&self, expected: u64) -> FrameError {
-        FrameError::DepthOffset {
-            expected,
-            got: self.depth_offset,
-        }
+        FrameError::DepthOffset { expected, got: self.depth_offset }
     }
 }

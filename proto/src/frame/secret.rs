@@ -40,11 +40,7 @@ impl Secret {
 impl PartialEq for Secret {
     /// Takes the same time wherever the first difference is.
     fn eq(&self, other: &Secret) -> bool {
-        let difference = self
-            .0
-            .iter()
-            .zip(&other.0)
-            .fold(0, |sum, (a, b)| sum | (a ^ b));
+        let difference = self.0.iter().zip(&other.0).fold(0, |sum, (a, b)| sum | (a ^ b));
         std::hint::black_box(difference) == 0
     }
 }
@@ -61,9 +57,7 @@ impl TryFrom<&[u8]> for Secret {
     type Error = SecretError;
 
     fn try_from(bytes: &[u8]) -> Result<Secret, SecretError> {
-        let bytes = bytes
-            .try_into()
-            .map_err(|_| SecretError { got: bytes.len() })?;
+        let bytes = bytes.try_into().map_err(|_| SecretError { got: bytes.len() })?;
         Ok(Secret(bytes))
     }
 }
@@ -72,9 +66,7 @@ impl TryFrom<String> for Secret {
     type Error = SecretError;
 
     fn try_from(text: String) -> Result<Secret, SecretError> {
-        let refused = || SecretError {
-            got: text.chars().count(),
-        };
+        let refused = || SecretError { got: text.chars().count() };
         let digits: Vec<u8> = text
             .chars()
             .map(|digit| digit.to_digit(16).and_then(|d| u8::try_from(d).ok()))
@@ -83,9 +75,7 @@ impl TryFrom<String> for Secret {
         if digits.len() != 2 * Secret::BYTES {
             return Err(refused());
         }
-        Ok(Secret(std::array::from_fn(|i| {
-            digits[2 * i] << 4 | digits[2 * i + 1]
-        })))
+        Ok(Secret(std::array::from_fn(|i| digits[2 * i] << 4 | digits[2 * i + 1])))
     }
 }
 

@@ -49,9 +49,7 @@ impl TryFrom<&str> for Name {
 
     fn try_from(text: &str) -> Result<Name, KeyError> {
         if text.is_empty() || text.len() > MAX_NAME_BYTES {
-            return Err(KeyError::NameLength {
-                got_bytes: text.len(),
-            });
+            return Err(KeyError::NameLength { got_bytes: text.len() });
         }
         let allowed = |c: &char| c.is_ascii_alphanumeric() || *c == '_' || *c == '-';
         match text.chars().find(|c| !allowed(c)) {
@@ -109,13 +107,9 @@ impl FromStr for TaskKey {
     type Err = KeyError;
 
     fn from_str(text: &str) -> Result<TaskKey, KeyError> {
-        let (client, id) = text.split_once('/').ok_or_else(|| KeyError::NotATask {
-            got: text.chars().take(80).collect(),
-        })?;
-        Ok(TaskKey {
-            client: client.parse()?,
-            id: id.parse()?,
-        })
+        let (client, id) =
+            text.split_once('/').ok_or_else(|| KeyError::NotATask { got: text.chars().take(80).collect() })?;
+        Ok(TaskKey { client: client.parse()?, id: id.parse()? })
     }
 }
 

@@ -19,10 +19,7 @@ pub struct ErrorReply {
 impl ErrorReply {
     /// An answer of this code with this sentence.
     pub fn new(code: ErrorCode, error: impl fmt::Display) -> ErrorReply {
-        ErrorReply {
-            code,
-            error: error.to_string(),
-        }
+        ErrorReply { code, error: error.to_string() }
     }
 }
 
@@ -109,9 +106,7 @@ impl ErrorCode {
         match self {
             ErrorCode::UnknownTask => "no such task",
             ErrorCode::BadJson => "the body is not JSON, or not the one this key takes",
-            ErrorCode::BadSettings => {
-                "a setting is unknown, missing, out of range or at odds with another"
-            }
+            ErrorCode::BadSettings => "a setting is unknown, missing, out of range or at odds with another",
             ErrorCode::BadTarget => "the target cannot be used",
             ErrorCode::NoTarget => "the request needs a target and none is set",
             ErrorCode::WrongVersion => "byte 0 of the header is not 1",

@@ -40,16 +40,8 @@ pub(super) fn find(name: &str) -> Option<&'static Field> {
 /// All settings as a Markdown table: name, default, range, meaning.
 pub fn table() -> String {
     let defaults = patch::defaults();
-    let mut lines = vec![
-        "| setting | default | range | meaning |".to_owned(),
-        "|---|---|---|---|".to_owned(),
-    ];
-    for Field {
-        name,
-        range,
-        meaning,
-    } in FIELDS
-    {
+    let mut lines = vec!["| setting | default | range | meaning |".to_owned(), "|---|---|---|---|".to_owned()];
+    for Field { name, range, meaning } in FIELDS {
         let path = format!("/{}", name.replace('.', "/"));
         let default = match defaults.pointer(&path) {
             // The parts of an object have rows of their own.
@@ -64,135 +56,47 @@ pub fn table() -> String {
 }
 
 const fn field(name: &'static str, range: Range, meaning: &'static str) -> Field {
-    Field {
-        name,
-        range,
-        meaning,
-    }
+    Field { name, range, meaning }
 }
 
 /// Every setting, in the order of the JSON.
 pub const FIELDS: &[Field] = &[
-    field(
-        "method",
-        Words("`hahn`, `krawtchouk`, `tchebichef`, `cosine`"),
-        "what is compared between the images",
-    ),
+    field("method", Words("`hahn`, `krawtchouk`, `tchebichef`, `cosine`"), "what is compared between the images"),
     field(
         "window",
         Words("`\"adaptive\"`, `\"adaptive_paper\"`, `{\"fixed\": {\"a\", \"b\"}}`"),
         "window of Hahn moments; ignored by the others",
     ),
-    field(
-        "window.fixed.a",
-        Between(0.0, 1e5),
-        "Hahn's a; a number, or a pair [x, y]",
-    ),
-    field(
-        "window.fixed.b",
-        Between(0.0, 1e5),
-        "Hahn's b; a number, or a pair [x, y]",
-    ),
+    field("window.fixed.a", Between(0.0, 1e5), "Hahn's a; a number, or a pair [x, y]"),
+    field("window.fixed.b", Between(0.0, 1e5), "Hahn's b; a number, or a pair [x, y]"),
     field(
         "krawtchouk.p",
         Words("`\"adaptive\"`, or 0.001 to 0.999; a number, or a pair [x, y]"),
         "place of the Krawtchouk window; ignored by the others",
     ),
-    field(
-        "krawtchouk.lattice",
-        Words("`paper`, `exact`"),
-        "N + 1 points cut to N pixels, or N points",
-    ),
-    field(
-        "order",
-        Words("a number, or `{\"min\", \"max\"}`"),
-        "largest moment order, fixed or adaptive",
-    ),
-    field(
-        "order.min",
-        Between(1.0, 40.0),
-        "order far from the target; at most `order.max`",
-    ),
-    field(
-        "order.max",
-        Between(1.0, 40.0),
-        "order at the target; at most min(width, height) − 3",
-    ),
-    field(
-        "epsilon",
-        Between(1e-9, 1.0),
-        "pixel error below which the order is `order.max`",
-    ),
+    field("krawtchouk.lattice", Words("`paper`, `exact`"), "N + 1 points cut to N pixels, or N points"),
+    field("order", Words("a number, or `{\"min\", \"max\"}`"), "largest moment order, fixed or adaptive"),
+    field("order.min", Between(1.0, 40.0), "order far from the target; at most `order.max`"),
+    field("order.max", Between(1.0, 40.0), "order at the target; at most min(width, height) − 3"),
+    field("epsilon", Between(1e-9, 1.0), "pixel error below which the order is `order.max`"),
     field(
         "gain",
         Words("null, `{\"step_fraction\"}`, `{\"per_s\"}`, `{\"adaptive\"}`"),
         "null: `{\"step_fraction\": 0.5}` for requests, `{\"per_s\": 1.0}` for pushed frames",
     ),
-    field(
-        "gain.step_fraction",
-        Between(1e-3, 1.0),
-        "share of the step taken in one `frame_period_s`",
-    ),
-    field(
-        "gain.per_s",
-        Between(1e-3, 100.0),
-        "λ, 1/s; keep λ · delay ≤ 0.35",
-    ),
-    field(
-        "gain.adaptive.at_zero",
-        Between(1e-3, 100.0),
-        "λ at the target, 1/s",
-    ),
-    field(
-        "gain.adaptive.at_infinity",
-        Between(1e-3, 100.0),
-        "λ far away, 1/s; below `at_zero`",
-    ),
-    field(
-        "gain.adaptive.slope_at_zero",
-        Between(0.0, 1e4),
-        "how fast λ falls with √pixel_mse at the target, 1/s",
-    ),
-    field(
-        "frame_period_s",
-        Between(0.001, 10.0),
-        "time between two frames; a setting, never measured",
-    ),
-    field(
-        "step_cap",
-        Words("`{…}`, `\"none\"`"),
-        "bounds of the full Gauss-Newton step, before the gain",
-    ),
-    field(
-        "step_cap.translation_m",
-        Between(1e-6, 10.0),
-        "norm of its translation",
-    ),
-    field(
-        "step_cap.rotation_rad",
-        Between(1e-6, 3.2),
-        "norm of its rotation",
-    ),
-    field(
-        "camera.fx",
-        Between(1.0, 1e6),
-        "focal length along u, pixels",
-    ),
-    field(
-        "camera.fy",
-        Between(1.0, 1e6),
-        "focal length along v, pixels",
-    ),
-    field(
-        "camera.cx",
-        Between(-1e5, 1e5),
-        "principal point along u, pixels; the first pixel's centre is 0",
-    ),
-    field(
-        "camera.cy",
-        Between(-1e5, 1e5),
-        "principal point along v, pixels",
-    ),
+    field("gain.step_fraction", Between(1e-3, 1.0), "share of the step taken in one `frame_period_s`"),
+    field("gain.per_s", Between(1e-3, 100.0), "λ, 1/s; keep λ · delay ≤ 0.35"),
+    field("gain.adaptive.at_zero", Between(1e-3, 100.0), "λ at the target, 1/s"),
+    field("gain.adaptive.at_infinity", Between(1e-3, 100.0), "λ far away, 1/s; below `at_zero`"),
+    field("gain.adaptive.slope_at_zero", Between(0.0, 1e4), "how fast λ falls with √pixel_mse at the target, 1/s"),
+    field("frame_period_s", Between(0.001, 10.0), "time between two frames; a setting, never measured"),
+    field("step_cap", Words("`{…}`, `\"none\"`"), "bounds of the full Gauss-Newton step, before the gain"),
+    field("step_cap.translation_m", Between(1e-6, 10.0), "norm of its translation"),
+    field("step_cap.rotation_rad", Between(1e-6, 3.2), "norm of its rotation"),
+    field("camera.fx", Between(1.0, 1e6), "focal length along u, pixels"),
+    field("camera.fy", Between(1.0, 1e6), "focal length along v, pixels"),
+    field("camera.cx", Between(-1e5, 1e5), "principal point along u, pixels; the first pixel's centre is 0"),
+    field("camera.cy", Between(-1e5, 1e5), "principal point along v, pixels"),
     field("camera.width", Between(8.0, 4096.0), "pixels in a row"),
     field("camera.height", Between(8.0, 4096.0), "rows"),
     field(
@@ -215,81 +119,25 @@ pub const FIELDS: &[Field] = &[
         Between(0.01, 1000.0),
         "what an unknown depth becomes; null: the frame's median, and `no_depth` over half unknown",
     ),
-    field(
-        "preprocess.invert",
-        Words("true, false"),
-        "1 − gray, when the object is darker than its surroundings",
-    ),
-    field(
-        "preprocess.resize",
-        Words("null"),
-        "not supported by this version",
-    ),
-    field(
-        "preprocess.mask",
-        Words("null"),
-        "not supported by this version",
-    ),
-    field(
-        "preprocess.undistort",
-        Words("false"),
-        "not supported by this version",
-    ),
-    field(
-        "limits",
-        Words("`{…}`, `\"none\"`"),
-        "speed limits of every twist; accelerations on `command` only",
-    ),
-    field(
-        "limits.linear_m_per_s",
-        Between(1e-6, 10.0),
-        "norm of the velocity",
-    ),
-    field(
-        "limits.angular_rad_per_s",
-        Between(1e-6, 50.0),
-        "norm of the angular velocity",
-    ),
-    field(
-        "limits.linear_m_per_s2",
-        Between(1e-6, 1000.0),
-        "norm of the acceleration",
-    ),
-    field(
-        "limits.angular_rad_per_s2",
-        Between(1e-6, 1000.0),
-        "norm of the angular acceleration",
-    ),
+    field("preprocess.invert", Words("true, false"), "1 − gray, when the object is darker than its surroundings"),
+    field("preprocess.resize", Words("null"), "not supported by this version"),
+    field("preprocess.mask", Words("null"), "not supported by this version"),
+    field("preprocess.undistort", Words("false"), "not supported by this version"),
+    field("limits", Words("`{…}`, `\"none\"`"), "speed limits of every twist; accelerations on `command` only"),
+    field("limits.linear_m_per_s", Between(1e-6, 10.0), "norm of the velocity"),
+    field("limits.angular_rad_per_s", Between(1e-6, 50.0), "norm of the angular velocity"),
+    field("limits.linear_m_per_s2", Between(1e-6, 1000.0), "norm of the acceleration"),
+    field("limits.angular_rad_per_s2", Between(1e-6, 1000.0), "norm of the angular acceleration"),
     field(
         "degrees_of_freedom",
         Words("six of true, false; one true at least"),
         "which of x, y, z, ωx, ωy, ωz may move",
     ),
-    field(
-        "stop.step_m",
-        Between(1e-9, 1.0),
-        "arrived: translation of the full step at most this",
-    ),
-    field(
-        "stop.step_rad",
-        Between(1e-9, 1.0),
-        "arrived: rotation of the full step at most this",
-    ),
-    field(
-        "stop.pixel_mse",
-        Words("null, or 0.000000001 to 1"),
-        "arrived: pixel error at most this, as well",
-    ),
-    field(
-        "stop.hold_frames",
-        Between(1.0, 10_000.0),
-        "for so many frames in a row",
-    ),
-    field(
-        "stop.max_iterations",
-        Between(0.0, 1e9),
-        "give up after so many twists; 0 = never",
-    ),
+    field("stop.step_m", Between(1e-9, 1.0), "arrived: translation of the full step at most this"),
+    field("stop.step_rad", Between(1e-9, 1.0), "arrived: rotation of the full step at most this"),
+    field("stop.pixel_mse", Words("null, or 0.000000001 to 1"), "arrived: pixel error at most this, as well"),
+    field("stop.hold_frames", Between(1.0, 10_000.0), "for so many frames in a row"),
+    field("stop.max_iterations", Between(0.0, 1e9), "give up after so many twists; 0 = never"),
     field(
         "frames",
         Words("`\"requests\"`, `\"pushed\"`, `{\"key\": \"…\"}`"),
@@ -301,24 +149,8 @@ pub const FIELDS: &[Field] = &[
         Words("null, or 20 to 60000"),
         "no frame for so long: zeros; null: 3 frame periods, at least 100; refused under 2 periods",
     ),
-    field(
-        "max_age_ms",
-        Between(1.0, 60_000.0),
-        "an older frame is stale",
-    ),
-    field(
-        "lease",
-        Words("`client`, `none`"),
-        "whether the task halts when the client's token goes; fixed on create",
-    ),
-    field(
-        "idle_close_s",
-        Between(1.0, 604_800.0),
-        "a task that nobody uses is closed after so long",
-    ),
-    field(
-        "autostart",
-        Words("true, false"),
-        "start with the first frame after the target is set",
-    ),
+    field("max_age_ms", Between(1.0, 60_000.0), "an older frame is stale"),
+    field("lease", Words("`client`, `none`"), "whether the task halts when the client's token goes; fixed on create"),
+    field("idle_close_s", Between(1.0, 604_800.0), "a task that nobody uses is closed after so long"),
+    field("autostart", Words("true, false"), "start with the first frame after the target is set"),
 ];

@@ -29,19 +29,14 @@ pub(super) mod per_axis {
 pub(super) mod value_or_none {
     use super::*;
 
-    pub fn serialize<S: Serializer, T: Serialize>(
-        value: &Option<T>,
-        serializer: S,
-    ) -> Result<S::Ok, S::Error> {
+    pub fn serialize<S: Serializer, T: Serialize>(value: &Option<T>, serializer: S) -> Result<S::Ok, S::Error> {
         match value {
             Some(value) => value.serialize(serializer),
             None => "none".serialize(serializer),
         }
     }
 
-    pub fn deserialize<'de, D: Deserializer<'de>, T: DeserializeOwned>(
-        deserializer: D,
-    ) -> Result<Option<T>, D::Error> {
+    pub fn deserialize<'de, D: Deserializer<'de>, T: DeserializeOwned>(deserializer: D) -> Result<Option<T>, D::Error> {
         match Value::deserialize(deserializer)? {
             Value::Null => Ok(None),
             Value::String(word) if word == "none" => Ok(None),
@@ -61,11 +56,7 @@ impl Serialize for OrderRange {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
             OrderRange { min, max } if min == max => min.serialize(serializer),
-            OrderRange { min, max } => OrderJson {
-                min: *min,
-                max: *max,
-            }
-            .serialize(serializer),
+            OrderRange { min, max } => OrderJson { min: *min, max: *max }.serialize(serializer),
         }
     }
 }
@@ -75,15 +66,9 @@ impl<'de> Deserialize<'de> for OrderRange {
         match Value::deserialize(deserializer)? {
             Value::Object(range) => {
                 let range: OrderJson = from_value(Value::Object(range))?;
-                Ok(OrderRange {
-                    min: range.min,
-                    max: range.max,
-                })
+                Ok(OrderRange { min: range.min, max: range.max })
             }
-            number => from_value(number).map(|order| OrderRange {
-                min: order,
-                max: order,
-            }),
+            number => from_value(number).map(|order| OrderRange { min: order, max: order }),
         }
     }
 }
@@ -101,9 +86,7 @@ impl<'de> Deserialize<'de> for KrawtchoukP {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<KrawtchoukP, D::Error> {
         match Value::deserialize(deserializer)? {
             Value::String(word) if word == "adaptive" => Ok(KrawtchoukP::Adaptive),
-            value => per_axis::deserialize(value)
-                .map_err(D::Error::custom)
-                .map(KrawtchoukP::Fixed),
+            value => per_axis::deserialize(value).map_err(D::Error::custom).map(KrawtchoukP::Fixed),
         }
     }
 }

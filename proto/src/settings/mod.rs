@@ -11,8 +11,8 @@ mod validate;
 
 pub use fields::{FIELDS, Field, Range, table};
 pub use types::{
-    AdaptiveGain, Camera, Depth, Frames, Gain, Krawtchouk, KrawtchoukP, Lattice, Lease, Limits,
-    Mask, Method, OrderRange, Preprocess, Resize, Ros2, StepCap, Stop, TaskSettings, Window,
+    AdaptiveGain, Camera, Depth, Frames, Gain, Krawtchouk, KrawtchoukP, Lattice, Lease, Limits, Mask, Method,
+    OrderRange, Preprocess, Resize, Ros2, StepCap, Stop, TaskSettings, Window,
 };
 
 use crate::body::BodyError;

@@ -52,31 +52,19 @@ impl TaskSettings {
 
 /// The defaults as JSON. The camera is an object with nothing but its optional part.
 pub(super) fn defaults() -> Value {
-    let placeholder = Camera {
-        fx: 0.0,
-        fy: 0.0,
-        cx: 0.0,
-        cy: 0.0,
-        width: 0,
-        height: 0,
-        distortion: None,
-    };
+    let placeholder = Camera { fx: 0.0, fy: 0.0, cx: 0.0, cy: 0.0, width: 0, height: 0, distortion: None };
     let mut defaults = TaskSettings::new(placeholder).to_value();
     defaults["camera"] = serde_json::json!({ "distortion": null });
     defaults
 }
 
-fn merge_and_check(
-    mut settings: Value,
-    patch: &Map<String, Value>,
-) -> Result<TaskSettings, SettingsError> {
+fn merge_and_check(mut settings: Value, patch: &Map<String, Value>) -> Result<TaskSettings, SettingsError> {
     refuse_unsupported(patch)?;
     let defaults = defaults();
     for (key, value) in patch {
         settings[key] = merged(key, &settings[key], value, defaults.get(key));
     }
-    let settings: TaskSettings =
-        serde_json::from_value(settings.clone()).map_err(|error| blame(&settings, &error))?;
+    let settings: TaskSettings = serde_json::from_value(settings.clone()).map_err(|error| blame(&settings, &error))?;
     settings.validate()?;
     Ok(settings)
 }
@@ -86,16 +74,11 @@ fn merged(key: &str, now: &Value, patch: &Value, default: Option<&Value>) -> Val
     match patch {
         // An unknown key keeps its null, and the typed reading refuses it by name.
         Value::Null => default.cloned().unwrap_or(Value::Null),
-        Value::Object(patch) if CHOICES.contains(&key) => patch
-            .iter()
-            .filter(|(_, value)| !value.is_null())
-            .map(|(k, v)| (k.clone(), v.clone()))
-            .collect(),
+        Value::Object(patch) if CHOICES.contains(&key) => {
+            patch.iter().filter(|(_, value)| !value.is_null()).map(|(k, v)| (k.clone(), v.clone())).collect()
+        }
         Value::Object(patch) => {
-            let base = [Some(now), default]
-                .into_iter()
-                .flatten()
-                .find(|value| value.is_object());
+            let base = [Some(now), default].into_iter().flatten().find(|value| value.is_object());
             let mut base = base.and_then(Value::as_object).cloned().unwrap_or_default();
             for (inner, value) in patch {
                 let inner_default = default.and_then(|default| default.get(inner));
@@ -112,30 +95,20 @@ fn merged(key: &str, now: &Value, patch: &Value, default: Option<&Value>) -> Val
 /// Names what the design knows and this version does not, before the typed reading calls it unknown.
 fn refuse_unsupported(patch: &Map<String, Value>) -> Result<(), SettingsError> {
     let refused = |what: String| Err(SettingsError::NotSupported { what });
-    if let Some(method @ ("photometric" | "gaussian_mixture")) =
-        patch.get("method").and_then(Value::as_str)
-    {
+    if let Some(method @ ("photometric" | "gaussian_mixture")) = patch.get("method").and_then(Value::as_str) {
         return refused(format!("method {method:?}"));
     }
-    let set = |value: Option<&Value>| {
-        value.is_some_and(|value| !value.is_null() && *value != Value::Bool(false))
-    };
+    let set = |value: Option<&Value>| value.is_some_and(|value| !value.is_null() && *value != Value::Bool(false));
     if set(patch.get("ros2")) {
         return refused("ros2".to_owned());
     }
     for name in ["resize", "mask", "undistort"] {
-        if set(patch
-            .get("preprocess")
-            .and_then(|preprocess| preprocess.get(name)))
-        {
+        if set(patch.get("preprocess").and_then(|preprocess| preprocess.get(name))) {
             return refused(format!("preprocess.{name}"));
         }
     }
     for source in ["franka_cam", "ros2"] {
-        if patch
-            .get("frames")
-            .is_some_and(|frames| frames.get(source).is_some())
-        {
+        if patch.get("frames").is_some_and(|frames| frames.get(source).is_some()) {
             return refused(format!("frames {source:?}"));
         }
     }
@@ -144,30 +117,16 @@ fn refuse_unsupported(patch: &Map<String, Value>) -> Result<(), SettingsError> {
 
 /// Finds the setting that the parser stumbled over: the first that spoils settings which are good without it.
 fn blame(settings: &Value, error: &serde_json::Error) -> SettingsError {
-    let camera = Camera {
-        fx: 1.0,
-        fy: 1.0,
-        cx: 0.0,
-        cy: 0.0,
-        width: 64,
-        height: 64,
-        distortion: None,
-    };
+    let camera = Camera { fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0, width: 64, height: 64, distortion: None };
     let good = TaskSettings::new(camera).to_value();
     for (key, value) in settings.as_object().into_iter().flatten() {
         let mut one_changed = good.clone();
         one_changed[key] = value.clone();
         if let Err(reason) = serde_json::from_value::<TaskSettings>(one_changed) {
-            return SettingsError::Field {
-                field: short(key),
-                reason: reason.to_string(),
-            };
+            return SettingsError::Field { field: short(key), reason: reason.to_string() };
         }
     }
-    SettingsError::Field {
-        field: "settings".to_owned(),
-        reason: error.to_string(),
-    }
+    SettingsError::Field { field: "settings".to_owned(), reason: error.to_string() }
 }
 
 fn object(value: &Value) -> Result<&Map<String, Value>, SettingsError> {

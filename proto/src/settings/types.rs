@@ -23,12 +23,7 @@ pub enum Method {
 
 impl Method {
     /// Every method of this version.
-    pub const ALL: [Method; 4] = [
-        Method::Hahn,
-        Method::Krawtchouk,
-        Method::Tchebichef,
-        Method::Cosine,
-    ];
+    pub const ALL: [Method; 4] = [Method::Hahn, Method::Krawtchouk, Method::Tchebichef, Method::Cosine];
 
     /// The word in JSON.
     pub fn word(self) -> &'static str {
@@ -62,10 +57,7 @@ pub enum Window {
 
 impl Default for Window {
     fn default() -> Window {
-        Window::Fixed {
-            a: [8.0; 2],
-            b: [8.0; 2],
-        }
+        Window::Fixed { a: [8.0; 2], b: [8.0; 2] }
     }
 }
 
@@ -151,10 +143,7 @@ pub struct StepCap {
 
 impl Default for StepCap {
     fn default() -> StepCap {
-        StepCap {
-            translation_m: 0.25,
-            rotation_rad: 0.25,
-        }
+        StepCap { translation_m: 0.25, rotation_rad: 0.25 }
     }
 }
 
@@ -241,12 +230,7 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Limits {
-        Limits {
-            linear_m_per_s: 0.2,
-            angular_rad_per_s: 0.7,
-            linear_m_per_s2: 0.5,
-            angular_rad_per_s2: 2.0,
-        }
+        Limits { linear_m_per_s: 0.2, angular_rad_per_s: 0.7, linear_m_per_s2: 0.5, angular_rad_per_s2: 2.0 }
     }
 }
 
@@ -268,13 +252,7 @@ pub struct Stop {
 
 impl Default for Stop {
     fn default() -> Stop {
-        Stop {
-            step_m: 0.0005,
-            step_rad: 0.0005,
-            pixel_mse: None,
-            hold_frames: 5,
-            max_iterations: 0,
-        }
+        Stop { step_m: 0.0005, step_rad: 0.0005, pixel_mse: None, hold_frames: 5, max_iterations: 0 }
     }
 }
 

@@ -2,8 +2,7 @@
 
 use super::fields::{self, Range};
 use super::{
-    Camera, Depth, Frames, Gain, KrawtchoukP, Limits, OrderRange, SettingsError, StepCap, Stop,
-    TaskSettings, Window,
+    Camera, Depth, Frames, Gain, KrawtchoukP, Limits, OrderRange, SettingsError, StepCap, Stop, TaskSettings, Window,
 };
 
 /// The longest bound key expression, bytes.
@@ -29,15 +28,11 @@ impl TaskSettings {
         self.step_cap.as_ref().map_or(Ok(()), check_step_cap)?;
         check_depth(self.depth)?;
         if self.preprocess.undistort {
-            return Err(SettingsError::NotSupported {
-                what: "preprocess.undistort".to_owned(),
-            });
+            return Err(SettingsError::NotSupported { what: "preprocess.undistort".to_owned() });
         }
         self.limits.as_ref().map_or(Ok(()), check_limits)?;
         if self.degrees_of_freedom == [false; 6] {
-            return contradiction(
-                "degrees_of_freedom must leave one of six free, got none".to_owned(),
-            );
+            return contradiction("degrees_of_freedom must leave one of six free, got none".to_owned());
         }
         check_stop(&self.stop)?;
         check_frames(&self.frames)?;
@@ -78,21 +73,14 @@ fn check_camera(camera: &Camera) -> Result<(), SettingsError> {
     check("camera.cy", camera.cy)?;
     check("camera.width", f64::from(camera.width))?;
     check("camera.height", f64::from(camera.height))?;
-    each(
-        "camera.distortion",
-        DISTORTION,
-        &camera.distortion.unwrap_or_default(),
-    )
+    each("camera.distortion", DISTORTION, &camera.distortion.unwrap_or_default())
 }
 
 fn check_order(order: OrderRange, camera: &Camera) -> Result<(), SettingsError> {
     check("order.min", f64::from(order.min))?;
     check("order.max", f64::from(order.max))?;
     if order.min > order.max {
-        return contradiction(format!(
-            "order.min must be at most order.max {}, got {}",
-            order.max, order.min
-        ));
+        return contradiction(format!("order.min must be at most order.max {}, got {}", order.max, order.min));
     }
     let largest = camera.width.min(camera.height).saturating_sub(3);
     if u32::from(order.max) > largest {
@@ -131,9 +119,7 @@ fn check_step_cap(cap: &StepCap) -> Result<(), SettingsError> {
 fn check_depth(depth: Depth) -> Result<(), SettingsError> {
     match depth {
         Depth::ConstantM(depth_m) => check("depth.constant_m", depth_m),
-        Depth::Map {
-            fallback_m: Some(depth_m),
-        } => check("depth.map.fallback_m", depth_m),
+        Depth::Map { fallback_m: Some(depth_m) } => check("depth.map.fallback_m", depth_m),
         Depth::Map { fallback_m: None } | Depth::Target => Ok(()),
     }
 }
@@ -160,33 +146,22 @@ fn check_frames(frames: &Frames) -> Result<(), SettingsError> {
     let Frames::Key(key) = frames else {
         return Ok(());
     };
-    let refused = |reason: String| {
-        Err(SettingsError::Field {
-            field: "frames.key".to_owned(),
-            reason,
-        })
-    };
+    let refused = |reason: String| Err(SettingsError::Field { field: "frames.key".to_owned(), reason });
     if key.len() > MAX_KEY_BYTES {
-        return refused(format!(
-            "a key has at most {MAX_KEY_BYTES} bytes, got {}",
-            key.len()
-        ));
+        return refused(format!("a key has at most {MAX_KEY_BYTES} bytes, got {}", key.len()));
     }
     if key.split('/').any(str::is_empty) {
         return refused(format!("a key has no empty chunk, got {key:?}"));
     }
     match key.chars().find(|c| "*$?#".contains(*c) || c.is_control()) {
-        Some(got) => refused(format!(
-            "a key to bind has no wildcard or control character, got {got:?}"
-        )),
+        Some(got) => refused(format!("a key to bind has no wildcard or control character, got {got:?}")),
         None => Ok(()),
     }
 }
 
 /// Holds a number against the range that the table documents.
 fn check(name: &str, got: f64) -> Result<(), SettingsError> {
-    let field =
-        fields::find(name).expect("every checked name is in the table: a test checks them all");
+    let field = fields::find(name).expect("every checked name is in the table: a test checks them all");
     within(name, field.range, got)
 }
 
@@ -198,11 +173,7 @@ fn within(name: &str, range: Range, got: f64) -> Result<(), SettingsError> {
     match range {
         // Written so that NaN is outside.
         Range::Between(least, most) if !(got >= least && got <= most) => {
-            Err(SettingsError::OutOfRange {
-                field: name.to_owned(),
-                range: range.to_string(),
-                got,
-            })
+            Err(SettingsError::OutOfRange { field: name.to_owned(), range: range.to_string(), got })
         }
         _ => Ok(()),
     }

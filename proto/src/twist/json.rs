@@ -32,11 +32,7 @@ impl TwistMessage {
     /// The message as JSON text. As in `encode`, what would be refused is sent as zeros with `internal`.
     pub fn to_json(&self) -> String {
         let refused = self.check().is_err();
-        let (status, twist) = if refused {
-            (Status::Internal, [0.0; 6])
-        } else {
-            (self.status, self.twist)
-        };
+        let (status, twist) = if refused { (Status::Internal, [0.0; 6]) } else { (self.status, self.twist) };
         let finite = |number: f64| number.is_finite().then_some(number);
         let json = TwistJson {
             version: WIRE_VERSION,
@@ -61,9 +57,7 @@ impl TwistMessage {
 
     /// Reads the JSON form, as closed as [`TwistMessage::decode`]; fields it does not know are ignored.
     pub fn from_json(text: &[u8]) -> Result<TwistMessage, TwistError> {
-        let json: TwistJson = body::read(text).map_err(|error| TwistError::Unreadable {
-            reason: error.to_string(),
-        })?;
+        let json: TwistJson = body::read(text).map_err(|error| TwistError::Unreadable { reason: error.to_string() })?;
         if json.version != WIRE_VERSION {
             return Err(TwistError::WrongVersion { got: json.version });
         }
