@@ -22,22 +22,11 @@ fn arguments() -> anyhow::Result<(OutgoingFrame, OutgoingFrame, Camera)> {
     let [target, current, camera] = arguments.as_slice() else {
         anyhow::bail!("expected target.png current.png fx,fy,cx,cy,width,height");
     };
-    let numbers = camera
-        .split(',')
-        .map(str::parse)
-        .collect::<Result<Vec<f64>, _>>()?;
+    let numbers = camera.split(',').map(str::parse).collect::<Result<Vec<f64>, _>>()?;
     let [fx, fy, cx, cy, width, height] = numbers[..] else {
         anyhow::bail!("expected fx,fy,cx,cy,width,height, got {camera}");
     };
-    let camera = Camera {
-        fx,
-        fy,
-        cx,
-        cy,
-        width: width as u32,
-        height: height as u32,
-        distortion: None,
-    };
+    let camera = Camera { fx, fy, cx, cy, width: width as u32, height: height as u32, distortion: None };
     let image = |path| anyhow::Ok(OutgoingFrame::file(ImageFile::Png, std::fs::read(path)?)?);
     Ok((image(target)?, image(current)?, camera))
 }

@@ -28,9 +28,7 @@ const GRACE: Duration = Duration::from_millis(100);
 const ZENOH_TIMEOUT: &[u8] = b"Timeout";
 
 /// Both ends of the wait for an answer: what Zenoh calls (never blocks), and what is read.
-pub(crate) fn answers<T: Send + 'static>(
-    room: usize,
-) -> (impl Fn(T) + Send + Sync + 'static, flume::Receiver<T>) {
+pub(crate) fn answers<T: Send + 'static>(room: usize) -> (impl Fn(T) + Send + Sync + 'static, flume::Receiver<T>) {
     let (hand_over, answers) = flume::bounded(room);
     let callback = move |answer| {
         // Full: somebody floods us. Closed: nobody waits any more.
@@ -40,10 +38,7 @@ pub(crate) fn answers<T: Send + 'static>(
 }
 
 /// As [`answers`], with room for the few that one question gets.
-pub(crate) fn few_answers() -> (
-    impl Fn(Reply) + Send + Sync + 'static,
-    flume::Receiver<Reply>,
-) {
+pub(crate) fn few_answers() -> (impl Fn(Reply) + Send + Sync + 'static, flume::Receiver<Reply>) {
     answers(ANSWERS)
 }
 
@@ -54,11 +49,7 @@ pub(crate) async fn first_good(
     limit: Duration,
 ) -> Result<Sample, ClientError> {
     let asked = Instant::now();
-    let silent = |reason| ClientError::NoAnswer {
-        key: key.to_owned(),
-        waited: asked.elapsed(),
-        reason,
-    };
+    let silent = |reason| ClientError::NoAnswer { key: key.to_owned(), waited: asked.elapsed(), reason };
     let mut refusal = None;
     loop {
         match timeout_at(asked + limit + GRACE, answers.recv_async()).await {
@@ -77,11 +68,7 @@ pub(crate) async fn first_good(
 
 fn read_refusal(error: &ReplyError, key: &str) -> ClientError {
     match body::read::<ErrorReply>(&error.payload().to_bytes()) {
-        Ok(ErrorReply { code, error, .. }) => ClientError::Refused {
-            key: key.to_owned(),
-            code,
-            error,
-        },
+        Ok(ErrorReply { code, error, .. }) => ClientError::Refused { key: key.to_owned(), code, error },
         Err(error) => ClientError::bad_answer(key)(&error),
     }
 }
@@ -105,42 +92,20 @@ impl Request<'_> {
         limit: Duration,
     ) -> Request<'a> {
         let payload = body::write(message).into();
-        Request {
-            session,
-            key,
-            payload,
-            encoding: Encoding::APPLICATION_JSON,
-            attachment: None,
-            limit,
-        }
+        Request { session, key, payload, encoding: Encoding::APPLICATION_JSON, attachment: None, limit }
     }
 
     /// With nothing in it: a question.
     pub(crate) fn empty<'a>(session: &'a Session, key: String, limit: Duration) -> Request<'a> {
-        Request {
-            session,
-            key,
-            payload: ZBytes::new(),
-            encoding: Encoding::default(),
-            attachment: None,
-            limit,
-        }
+        Request { session, key, payload: ZBytes::new(), encoding: Encoding::default(), attachment: None, limit }
     }
 
     /// Asks until there is an answer, a refusal, a timeout, or the limit has gone by in empty answers.
     pub(crate) async fn ask(&self) -> Result<Sample, ClientError> {
         let deadline = Instant::now() + self.limit;
         loop {
-            let answer = self
-                .ask_once(deadline.saturating_duration_since(Instant::now()))
-                .await;
-            let empty = matches!(
-                answer,
-                Err(ClientError::NoAnswer {
-                    reason: Silence::Empty,
-                    ..
-                })
-            );
+            let answer = self.ask_once(deadline.saturating_duration_since(Instant::now())).await;
+            let empty = matches!(answer, Err(ClientError::NoAnswer { reason: Silence::Empty, .. }));
             if !empty || Instant::now() + PAUSE >= deadline {
                 return answer;
             }
@@ -167,7 +132,6 @@ impl Request<'_> {
     /// As [`Request::ask`], with a JSON answer.
     pub(crate) async fn ask_json<T: DeserializeOwned>(&self) -> Result<T, ClientError> {
         let answer = self.ask().await?;
-        body::read(&answer.payload().to_bytes())
-            .map_err(|error| ClientError::bad_answer(&self.key)(&error))
+        body::read(&answer.payload().to_bytes()).map_err(|error| ClientError::bad_answer(&self.key)(&error))
     }
 }

@@ -13,6 +13,7 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh::qos::{CongestionControl, Priority};
 
 use crate::answer::Request;
+use crate::error::zenoh_says;
 use crate::follow::{Commands, Epoch, Statuses};
 use crate::matching;
 use crate::task::{NewTask, Task};
@@ -54,10 +55,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError::Session`] when the session is closed; [`ClientError::Key`] when the prefix is none.
-    pub async fn with_session(
-        session: Session,
-        options: ClientOptions,
-    ) -> Result<Client, ClientError> {
+    pub async fn with_session(session: Session, options: ClientOptions) -> Result<Client, ClientError> {
         let keys = Keys::new(&options.prefix)?;
         let key = keys.client_alive(&options.name);
         let alive = session
@@ -65,19 +63,17 @@ impl Client {
             .declare_token(key.clone())
             .await
             .map_err(ClientError::session("declaring the lease", &key))?;
-        Ok(Client {
-            shared: Arc::new(Shared {
-                session,
-                keys,
-                options,
-                _alive: alive,
-            }),
-        })
+        Ok(Client { shared: Arc::new(Shared { session, keys, options, _alive: alive }) })
     }
 
     /// The name under which this client's tasks stand.
     pub fn name(&self) -> &Name {
         &self.shared.options.name
+    }
+
+    /// The keys under this client's prefix.
+    pub fn keys(&self) -> &Keys {
+        &self.shared.keys
     }
 
     /// The session, for publishing what else the program has to say.
@@ -90,12 +86,7 @@ impl Client {
     /// # Errors
     /// [`ClientError::NoWorker`] when none does within `discovery_limit`.
     pub async fn list_workers(&self) -> Result<Vec<WorkerInfo>, ClientError> {
-        let Shared {
-            session,
-            keys,
-            options,
-            ..
-        } = &*self.shared;
+        let Shared { session, keys, options, .. } = &*self.shared;
         workers::workers(session, keys, options.discovery_limit).await
     }
 
@@ -104,12 +95,7 @@ impl Client {
     /// # Errors
     /// [`ClientError::Session`] when the session is closed.
     pub async fn list_tasks(&self) -> Result<Vec<ListedTask>, ClientError> {
-        let Shared {
-            session,
-            keys,
-            options,
-            ..
-        } = &*self.shared;
+        let Shared { session, keys, options, .. } = &*self.shared;
         workers::tasks(session, keys, options.request_timeout).await
     }
 
@@ -129,42 +115,20 @@ impl Client {
                 made_or_refused => return made_or_refused,
             }
         }
-        Err(last.expect(
-            "the list of workers is never empty, and the loop ends early unless a worker failed",
-        ))
+        Err(last.expect("the list of workers is never empty, and the loop ends early unless a worker failed"))
     }
 
     /// Makes a task on this worker.
     ///
     /// # Errors
     /// [`ClientError::Settings`] before anything is sent, [`ClientError::Refused`], [`ClientError::NoAnswer`].
-    pub async fn create_task_on(
-        &self,
-        worker: &Name,
-        settings: &TaskSettings,
-    ) -> Result<Task, ClientError> {
+    pub async fn create_task_on(&self, worker: &Name, settings: &TaskSettings) -> Result<Task, ClientError> {
         settings.validate()?;
-        let Shared {
-            session,
-            keys,
-            options,
-            ..
-        } = &*self.shared;
+        let Shared { session, keys, options, .. } = &*self.shared;
         let key = keys.create(worker, &options.name);
         let request = Request::json(session, key, settings, options.request_timeout);
-        let CreateReply {
-            task,
-            epoch,
-            secret,
-            ..
-        } = request.ask_json().await?;
-        Task::open(NewTask {
-            shared: self.shared.clone(),
-            key: task,
-            epoch,
-            secret: Some(secret),
-        })
-        .await
+        let CreateReply { task, epoch, secret, .. } = request.ask_json().await?;
+        Task::open(NewTask { shared: self.shared.clone(), key: task, epoch, secret: Some(secret) }).await
     }
 
     /// A handle on a task that exists, from another terminal. Without its secret only reading works.
@@ -172,30 +136,15 @@ impl Client {
     /// # Errors
     /// [`ClientError::NoTask`] when it has no owner.
     pub async fn attach(&self, task: TaskKey, secret: Option<Secret>) -> Result<Task, ClientError> {
-        let Shared {
-            session,
-            keys,
-            options,
-            ..
-        } = &*self.shared;
+        let Shared { session, keys, options, .. } = &*self.shared;
         let deadline = Instant::now() + options.discovery_limit;
         loop {
-            if let Some(owner) =
-                workers::owner_of(session, keys, &task, options.request_timeout).await?
-            {
-                return Task::open(NewTask {
-                    shared: self.shared.clone(),
-                    key: task,
-                    epoch: owner.epoch,
-                    secret,
-                })
-                .await;
+            if let Some(owner) = workers::owner_of(session, keys, &task, options.request_timeout).await? {
+                return Task::open(NewTask { shared: self.shared.clone(), key: task, epoch: owner.epoch, secret })
+                    .await;
             }
             if Instant::now() + CONNECT_PAUSE >= deadline {
-                return Err(ClientError::NoTask {
-                    key: keys.owners_of(&task),
-                    task,
-                });
+                return Err(ClientError::NoTask { key: keys.owners_of(&task), task });
             }
             sleep(CONNECT_PAUSE).await;
         }
@@ -206,12 +155,7 @@ impl Client {
     /// # Errors
     /// [`ClientError::Session`] when the session is closed.
     pub async fn commands(&self, task: &TaskKey) -> Result<Commands, ClientError> {
-        Commands::follow(
-            &self.shared.session,
-            self.shared.keys.command(task),
-            Epoch::default(),
-        )
-        .await
+        Commands::follow(&self.shared.session, self.shared.keys.command(task), Epoch::default()).await
     }
 
     /// What a task says about itself; needs no secret.
@@ -219,12 +163,7 @@ impl Client {
     /// # Errors
     /// [`ClientError::Session`] when the session is closed.
     pub async fn statuses(&self, task: &TaskKey) -> Result<Statuses, ClientError> {
-        Statuses::follow(
-            &self.shared.session,
-            self.shared.keys.status(task),
-            Some(Epoch::default()),
-        )
-        .await
+        Statuses::follow(&self.shared.session, self.shared.keys.status(task), Some(Epoch::default())).await
     }
 
     /// Stops everything: every task latches `stopped`, every arm brakes. Sent even when no listener is known.
@@ -232,12 +171,7 @@ impl Client {
     /// # Errors
     /// [`ClientError::NobodyListens`] when it was sent, but no listener showed up within `discovery_limit`.
     pub async fn stop_all(&self) -> Result<(), ClientError> {
-        let Shared {
-            session,
-            keys,
-            options,
-            ..
-        } = &*self.shared;
+        let Shared { session, keys, options, .. } = &*self.shared;
         let key = keys.stop();
         let publisher = session
             .declare_publisher(key.clone())
@@ -246,21 +180,12 @@ impl Client {
             .express(true)
             .await
             .map_err(ClientError::session("stopping", &key))?;
-        publisher
-            .put("stop")
-            .await
-            .map_err(ClientError::session("stopping", &key))?;
+        publisher.put("stop").await.map_err(ClientError::session("stopping", &key))?;
         if !matching::has_subscriber(&publisher, options.discovery_limit).await? {
-            return Err(ClientError::NobodyListens {
-                key,
-                waited: options.discovery_limit,
-            });
+            return Err(ClientError::NobodyListens { key, waited: options.discovery_limit });
         }
         // The first may have been sent before the listener was known.
-        publisher
-            .put("stop")
-            .await
-            .map_err(ClientError::session("stopping", &key))
+        publisher.put("stop").await.map_err(ClientError::session("stopping", &key))
     }
 
     /// Ends the lease and the session now, for all clones and tasks; tasks that were not closed are halted by the service.
@@ -269,21 +194,14 @@ impl Client {
     /// [`ClientError::Session`] when the session did not close in order.
     pub async fn close(self) -> Result<(), ClientError> {
         let key = self.shared.keys.client_alive(self.name());
-        self.shared
-            .session
-            .close()
-            .await
-            .map_err(ClientError::session("closing", &key))
+        self.shared.session.close().await.map_err(ClientError::session("closing", &key))
     }
 }
 
 /// Another worker may be better when this one is full, gone or on its way out.
 fn is_worth_another_worker(error: &ClientError) -> bool {
     match error {
-        ClientError::Refused { code, .. } => matches!(
-            code,
-            ErrorCode::Quota | ErrorCode::Closed | ErrorCode::NotOwner
-        ),
+        ClientError::Refused { code, .. } => matches!(code, ErrorCode::Quota | ErrorCode::Closed | ErrorCode::NotOwner),
         error => error.is_silence(),
     }
 }
@@ -292,10 +210,7 @@ fn is_worth_another_worker(error: &ClientError) -> bool {
 async fn open(options: &ClientOptions) -> Result<Session, ClientError> {
     let deadline = Instant::now() + options.connect_limit;
     let failed = |error: String| ClientError::Connect {
-        endpoints: options
-            .zenoh
-            .get_json("connect/endpoints")
-            .unwrap_or_default(),
+        endpoints: options.zenoh.get_json("connect/endpoints").unwrap_or_default(),
         waited: options.connect_limit,
         error,
     };
@@ -303,7 +218,7 @@ async fn open(options: &ClientOptions) -> Result<Session, ClientError> {
         match timeout_at(deadline, zenoh::open(options.zenoh.clone())).await {
             Ok(Ok(session)) => return Ok(session),
             Ok(Err(error)) if Instant::now() + CONNECT_PAUSE >= deadline => {
-                return Err(failed(error.to_string()));
+                return Err(failed(zenoh_says(&error)));
             }
             Ok(Err(error)) => tracing::debug!(%error, "not connected yet"),
             Err(_late) => return Err(failed("Zenoh is still trying".to_owned())),

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use zenoh::Config;
 
 use crate::ClientError;
+use crate::error::zenoh_says;
 
 /// Where a router or worker is expected when nothing else is said.
 pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
@@ -29,10 +30,8 @@ const FRAGMENT_WAIT_US: u64 = 200_000;
 pub fn zenoh_config(file: Option<&Path>, endpoints: &[String]) -> Result<Config, ClientError> {
     match file {
         Some(file) => {
-            let mut config = Config::from_file(file).map_err(|error| ClientError::Config {
-                what: file.display().to_string(),
-                error: error.to_string(),
-            })?;
+            let mut config = Config::from_file(file)
+                .map_err(|error| ClientError::Config { what: file.display().to_string(), error: zenoh_says(&error) })?;
             if !endpoints.is_empty() {
                 insert(&mut config, "connect/endpoints", json!(endpoints))?;
             }
@@ -62,10 +61,7 @@ fn insert(config: &mut Config, key: &str, value: Value) -> Result<(), ClientErro
     let value = value.to_string();
     config
         .insert_json5(key, &value)
-        .map_err(|error| ClientError::Config {
-            what: format!("{key} = {value}"),
-            error: error.to_string(),
-        })
+        .map_err(|error| ClientError::Config { what: format!("{key} = {value}"), error: zenoh_says(&error) })
 }
 
 #[cfg(test)]
@@ -73,17 +69,13 @@ mod tests {
     use super::*;
 
     fn setting(config: &Config, key: &str) -> Value {
-        serde_json::from_str(&config.get_json(key).expect("the key exists"))
-            .expect("settings are JSON")
+        serde_json::from_str(&config.get_json(key).expect("the key exists")).expect("settings are JSON")
     }
 
     #[test]
     fn without_a_file_only_the_named_endpoints_are_contacted() {
         let config = zenoh_config(None, &["tcp/127.0.0.1:9".into()]).expect("valid");
-        assert_eq!(
-            setting(&config, "connect/endpoints"),
-            json!(["tcp/127.0.0.1:9"])
-        );
+        assert_eq!(setting(&config, "connect/endpoints"), json!(["tcp/127.0.0.1:9"]));
         assert_eq!(setting(&config, "mode"), json!("client"));
         assert_eq!(setting(&config, "scouting/multicast/enabled"), json!(false));
         assert_eq!(setting(&config, "transport/link/tx/lease"), json!(LEASE_MS));
@@ -92,10 +84,7 @@ mod tests {
     #[test]
     fn without_anything_the_local_router_is_meant() {
         let config = zenoh_config(None, &[]).expect("valid");
-        assert_eq!(
-            setting(&config, "connect/endpoints"),
-            json!([DEFAULT_ENDPOINT])
-        );
+        assert_eq!(setting(&config, "connect/endpoints"), json!([DEFAULT_ENDPOINT]));
     }
 
     #[test]

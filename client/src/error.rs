@@ -44,9 +44,7 @@ pub enum ClientError {
         waited: Duration,
     },
     /// No task of that name has an owner.
-    #[error(
-        "task {task} has no owner on {key}; it was closed or never made: create it, or look at `domvs task list`"
-    )]
+    #[error("task {task} has no owner on {key}; it was closed or never made: create it, or look at `domvs task list`")]
     NoTask {
         /// The task that was looked for.
         task: TaskKey,
@@ -106,9 +104,7 @@ pub enum ClientError {
         got: u64,
     },
     /// An answer that wire version 1 does not know.
-    #[error(
-        "unreadable answer on {key}: {reason}; compare the versions with `domvs --version` on both sides"
-    )]
+    #[error("unreadable answer on {key}: {reason}; compare the versions with `domvs --version` on both sides")]
     BadAnswer {
         /// The key that was asked.
         key: String,
@@ -164,27 +160,21 @@ impl std::fmt::Display for Silence {
 impl ClientError {
     /// Whether this is an answer that did not come, rather than one that says no.
     pub fn is_silence(&self) -> bool {
-        matches!(
-            self,
-            ClientError::NoAnswer { .. } | ClientError::OwnerLost { .. }
-        )
+        matches!(self, ClientError::NoAnswer { .. } | ClientError::OwnerLost { .. })
     }
 
-    pub(crate) fn session(
-        doing: &'static str,
-        key: &str,
-    ) -> impl FnOnce(zenoh::Error) -> ClientError {
-        move |error| ClientError::Session {
-            doing,
-            key: key.to_owned(),
-            error: error.to_string(),
-        }
+    pub(crate) fn session(doing: &'static str, key: &str) -> impl FnOnce(zenoh::Error) -> ClientError {
+        move |error| ClientError::Session { doing, key: key.to_owned(), error: zenoh_says(&error) }
     }
 
     pub(crate) fn bad_answer(key: &str) -> impl FnOnce(&dyn std::error::Error) -> ClientError {
-        move |error| ClientError::BadAnswer {
-            key: key.to_owned(),
-            reason: error.to_string(),
-        }
+        move |error| ClientError::BadAnswer { key: key.to_owned(), reason: error.to_string() }
     }
+}
+
+/// Zenoh's sentence without the place in its source that it ends with.
+pub(crate) fn zenoh_says(error: &zenoh::Error) -> String {
+    let text = error.to_string();
+    let sentence = text.split(" at /").next().unwrap_or(&text);
+    sentence.trim_end().trim_end_matches('!').to_owned()
 }

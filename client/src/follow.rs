@@ -60,11 +60,7 @@ struct CommandInbox {
 }
 
 impl Commands {
-    pub(crate) async fn follow(
-        session: &Session,
-        key: String,
-        epoch: Epoch,
-    ) -> Result<Commands, ClientError> {
+    pub(crate) async fn follow(session: &Session, key: String, epoch: Epoch) -> Result<Commands, ClientError> {
         let inbox = Arc::new(CommandInbox {
             newest: Mailbox::with_room(1),
             epoch,
@@ -74,10 +70,7 @@ impl Commands {
         let receiver = inbox.clone();
         let on_sample = move |sample: Sample| receiver.take_in(&sample.payload().to_bytes());
         let subscriber = subscribe(session, &key, on_sample).await?;
-        Ok(Commands {
-            inbox,
-            _subscriber: subscriber,
-        })
+        Ok(Commands { inbox, _subscriber: subscriber })
     }
 
     /// The newest twist that was not read yet, waiting for one until `limit` has passed. `None` means brake.
@@ -115,10 +108,7 @@ impl CommandInbox {
             }
             Err(_no_twist) => {
                 self.unreadable.fetch_add(1, Ordering::Relaxed);
-                self.newest.put(TwistMessage {
-                    epoch: self.epoch.get(),
-                    ..TwistMessage::zero(Status::Internal)
-                });
+                self.newest.put(TwistMessage { epoch: self.epoch.get(), ..TwistMessage::zero(Status::Internal) });
             }
         }
     }
@@ -134,24 +124,16 @@ pub struct Statuses {
 
 impl Statuses {
     /// `key` may be that of one task or of every task; `epoch` drops what older owners say, when there is one task.
-    pub(crate) async fn follow(
-        session: &Session,
-        key: String,
-        epoch: Option<Epoch>,
-    ) -> Result<Statuses, ClientError> {
+    pub(crate) async fn follow(session: &Session, key: String, epoch: Option<Epoch>) -> Result<Statuses, ClientError> {
         let inbox = Arc::new(Mailbox::with_room(STATUS_ROOM));
         let receiver = inbox.clone();
-        let on_sample =
-            move |sample: Sample| match body::read::<StatusMessage>(&sample.payload().to_bytes()) {
-                Ok(message) if is_current(&message, epoch.as_ref()) => receiver.put(message),
-                Ok(_older) => {}
-                Err(error) => tracing::warn!(key = %sample.key_expr(), %error, "unreadable status"),
-            };
+        let on_sample = move |sample: Sample| match body::read::<StatusMessage>(&sample.payload().to_bytes()) {
+            Ok(message) if is_current(&message, epoch.as_ref()) => receiver.put(message),
+            Ok(_older) => {}
+            Err(error) => tracing::warn!(key = %sample.key_expr(), %error, "unreadable status"),
+        };
         let subscriber = subscribe(session, &key, on_sample).await?;
-        Ok(Statuses {
-            inbox,
-            _subscriber: subscriber,
-        })
+        Ok(Statuses { inbox, _subscriber: subscriber })
     }
 
     /// The next message, waiting for one until `limit` has passed.
@@ -174,9 +156,5 @@ async fn subscribe(
     key: &str,
     on_sample: impl Fn(Sample) + Send + Sync + 'static,
 ) -> Result<Subscriber<()>, ClientError> {
-    session
-        .declare_subscriber(key.to_owned())
-        .callback(on_sample)
-        .await
-        .map_err(ClientError::session("following", key))
+    session.declare_subscriber(key.to_owned()).callback(on_sample).await.map_err(ClientError::session("following", key))
 }

@@ -48,17 +48,8 @@ impl OutgoingFrame {
     ///
     /// # Errors
     /// [`ClientError::Frame`] when the length is not what format and size ask for.
-    pub fn raw(
-        format: PixelFormat,
-        width: u32,
-        height: u32,
-        pixels: impl Into<Vec<u8>>,
-    ) -> Result<Self, ClientError> {
-        Self::checked(
-            FrameHeader::new(format, width, height),
-            Encoding::from(RAW),
-            pixels.into(),
-        )
+    pub fn raw(format: PixelFormat, width: u32, height: u32, pixels: impl Into<Vec<u8>>) -> Result<Self, ClientError> {
+        Self::checked(FrameHeader::new(format, width, height), Encoding::from(RAW), pixels.into())
     }
 
     /// As [`OutgoingFrame::raw`], with a depth for every pixel.
@@ -94,11 +85,7 @@ impl OutgoingFrame {
     /// # Errors
     /// [`ClientError::Frame`] when there are none.
     pub fn file(kind: ImageFile, bytes: impl Into<Vec<u8>>) -> Result<Self, ClientError> {
-        Self::checked(
-            FrameHeader::new(PixelFormat::ByEncoding, 0, 0),
-            kind.encoding(),
-            bytes.into(),
-        )
+        Self::checked(FrameHeader::new(PixelFormat::ByEncoding, 0, 0), kind.encoding(), bytes.into())
     }
 
     /// As [`OutgoingFrame::file`], with a depth for every pixel of the image, which has `width` × `height` of them.
@@ -113,11 +100,7 @@ impl OutgoingFrame {
         depth: DepthPlane<'_>,
     ) -> Result<Self, ClientError> {
         let mut bytes = bytes.into();
-        let header = append_depth(
-            FrameHeader::new(PixelFormat::ByEncoding, width, height),
-            &mut bytes,
-            depth,
-        );
+        let header = append_depth(FrameHeader::new(PixelFormat::ByEncoding, width, height), &mut bytes, depth);
         Self::checked(header, kind.encoding(), bytes)
     }
 
@@ -146,25 +129,13 @@ impl OutgoingFrame {
 
     /// The attachment for a question: with the secret, and with a deadline (µs from receipt; 0 = none).
     pub(crate) fn attachment(&self, secret: Option<&Secret>, deadline_us: u32) -> ZBytes {
-        let header = FrameHeader {
-            secret: secret.cloned(),
-            deadline_us,
-            ..self.header.clone()
-        };
+        let header = FrameHeader { secret: secret.cloned(), deadline_us, ..self.header.clone() };
         header.encode().into()
     }
 
-    fn checked(
-        header: FrameHeader,
-        encoding: Encoding,
-        bytes: Vec<u8>,
-    ) -> Result<Self, ClientError> {
+    fn checked(header: FrameHeader, encoding: Encoding, bytes: Vec<u8>) -> Result<Self, ClientError> {
         header.layout(bytes.len())?;
-        Ok(OutgoingFrame {
-            header,
-            encoding,
-            payload: bytes.into(),
-        })
+        Ok(OutgoingFrame { header, encoding, payload: bytes.into() })
     }
 }
 
@@ -178,11 +149,7 @@ impl ImageFile {
 }
 
 /// Puts the plane behind what is there and says so in the header. An offset beyond 32 bits saturates, and is refused by the check.
-fn append_depth(
-    mut header: FrameHeader,
-    bytes: &mut Vec<u8>,
-    depth: DepthPlane<'_>,
-) -> FrameHeader {
+fn append_depth(mut header: FrameHeader, bytes: &mut Vec<u8>, depth: DepthPlane<'_>) -> FrameHeader {
     header.depth_offset = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
     match depth {
         DepthPlane::Metres(depth_m) => {
@@ -211,6 +178,14 @@ pub struct ReceivedFrame {
 }
 
 impl ReceivedFrame {
+    /// The same frame, to be sent on.
+    ///
+    /// # Errors
+    /// [`ClientError::Frame`] when the header and the payload disagree.
+    pub fn into_outgoing(self) -> Result<OutgoingFrame, ClientError> {
+        OutgoingFrame::checked(self.header, self.encoding, self.payload)
+    }
+
     pub(crate) fn from_sample(key: &str, sample: &Sample) -> Result<Self, ClientError> {
         let attachment = sample.attachment().map(ZBytes::to_bytes);
         let header = FrameHeader::from_attachment(attachment.as_deref())
@@ -230,50 +205,30 @@ mod tests {
     #[test]
     fn depth_lies_behind_the_pixels_in_one_piece() {
         let depth = DepthPlane::Metres(&[1.0, 2.0, 3.0]);
-        let frame = OutgoingFrame::raw_with_depth(PixelFormat::Mono8, 3, 1, vec![7, 8, 9], depth)
-            .expect("valid");
+        let frame = OutgoingFrame::raw_with_depth(PixelFormat::Mono8, 3, 1, vec![7, 8, 9], depth).expect("valid");
         assert_eq!(frame.payload().slices().count(), 1);
-        let layout = frame
-            .header()
-            .layout(frame.payload().len())
-            .expect("true lengths");
+        let layout = frame.header().layout(frame.payload().len()).expect("true lengths");
         let bytes = frame.payload().to_bytes();
         assert_eq!(&bytes[layout.pixels], [7, 8, 9]);
-        assert_eq!(
-            &bytes[layout.depth.expect("there is depth")][4..8],
-            2.0f32.to_le_bytes()
-        );
+        assert_eq!(&bytes[layout.depth.expect("there is depth")][4..8], 2.0f32.to_le_bytes());
     }
 
     #[test]
     fn counts_keep_their_unit() {
-        let depth = DepthPlane::Counts {
-            counts: &[500, 1000],
-            unit_m: 0.001,
-        };
-        let frame = OutgoingFrame::raw_with_depth(PixelFormat::Mono16, 2, 1, vec![0; 4], depth)
-            .expect("valid");
-        assert_eq!(
-            (frame.header().depth_format, frame.header().depth_unit_m),
-            (DepthFormat::U16, 0.001)
-        );
+        let depth = DepthPlane::Counts { counts: &[500, 1000], unit_m: 0.001 };
+        let frame = OutgoingFrame::raw_with_depth(PixelFormat::Mono16, 2, 1, vec![0; 4], depth).expect("valid");
+        assert_eq!((frame.header().depth_format, frame.header().depth_unit_m), (DepthFormat::U16, 0.001));
     }
 
     #[test]
     fn a_frame_with_a_missing_byte_is_refused_before_it_is_sent() {
-        assert!(matches!(
-            OutgoingFrame::mono8(4, 4, vec![0; 15]),
-            Err(ClientError::Frame(_))
-        ));
+        assert!(matches!(OutgoingFrame::mono8(4, 4, vec![0; 15]), Err(ClientError::Frame(_))));
         let depth = DepthPlane::Metres(&[1.0; 15]);
         assert!(matches!(
             OutgoingFrame::raw_with_depth(PixelFormat::Mono8, 4, 4, vec![0; 16], depth),
             Err(ClientError::Frame(_))
         ));
-        assert!(matches!(
-            OutgoingFrame::file(ImageFile::Png, vec![]),
-            Err(ClientError::Frame(_))
-        ));
+        assert!(matches!(OutgoingFrame::file(ImageFile::Png, vec![]), Err(ClientError::Frame(_))));
     }
 
     #[test]
@@ -287,24 +242,10 @@ mod tests {
 
     #[test]
     fn secret_and_deadline_are_only_in_what_is_sent() {
-        let frame = OutgoingFrame::file(ImageFile::Jpeg, vec![1])
-            .expect("valid")
-            .numbered(5, 6);
+        let frame = OutgoingFrame::file(ImageFile::Jpeg, vec![1]).expect("valid").numbered(5, 6);
         let secret = Secret::new([3; 16]);
-        let sent = FrameHeader::decode(&frame.attachment(Some(&secret), 250_000).to_bytes())
-            .expect("a header");
-        assert_eq!(
-            (
-                sent.secret,
-                sent.deadline_us,
-                sent.sequence,
-                sent.capture_time_ns
-            ),
-            (Some(secret), 250_000, 5, 6)
-        );
-        assert_eq!(
-            (frame.header().secret.as_ref(), frame.header().deadline_us),
-            (None, 0)
-        );
+        let sent = FrameHeader::decode(&frame.attachment(Some(&secret), 250_000).to_bytes()).expect("a header");
+        assert_eq!((sent.secret, sent.deadline_us, sent.sequence, sent.capture_time_ns), (Some(secret), 250_000, 5, 6));
+        assert_eq!((frame.header().secret.as_ref(), frame.header().deadline_us), (None, 0));
     }
 }

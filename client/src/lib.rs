@@ -28,6 +28,7 @@
 //! Deliberately not here: images (no pixel is looked at), robots, and the control law.
 
 mod answer;
+mod cameras;
 mod client;
 mod config;
 mod error;

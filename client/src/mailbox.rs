@@ -29,11 +29,7 @@ impl<T> Mailbox<T> {
     pub(crate) fn with_room(room: usize) -> Mailbox<T> {
         let room = room.max(1);
         let waiting = VecDeque::with_capacity(room);
-        Mailbox {
-            room,
-            inside: Mutex::new(Inside { waiting, missed: 0 }),
-            arrived: Notify::new(),
-        }
+        Mailbox { room, inside: Mutex::new(Inside { waiting, missed: 0 }), arrived: Notify::new() }
     }
 
     /// Puts an item; in a full box the oldest unread one is thrown away and counted.
@@ -85,10 +81,7 @@ mod tests {
     fn the_newest_wins_and_what_it_replaced_is_counted() {
         let mailbox = Mailbox::with_room(1);
         (1..=3).for_each(|number| mailbox.put(number));
-        assert_eq!(
-            (mailbox.take(), mailbox.take(), mailbox.missed()),
-            (Some(3), None, 2)
-        );
+        assert_eq!((mailbox.take(), mailbox.take(), mailbox.missed()), (Some(3), None, 2));
     }
 
     #[test]

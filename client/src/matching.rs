@@ -11,10 +11,7 @@ use zenoh::query::Querier;
 use crate::ClientError;
 
 /// Whether someone subscribes to what this publishes, now or within `limit`.
-pub(crate) async fn has_subscriber(
-    publisher: &Publisher<'_>,
-    limit: Duration,
-) -> Result<bool, ClientError> {
+pub(crate) async fn has_subscriber(publisher: &Publisher<'_>, limit: Duration) -> Result<bool, ClientError> {
     let failed = || ClientError::session("looking for subscribers", publisher.key_expr().as_str());
     // The listener first: a change between the two is then not missed.
     let changes = publisher.matching_listener().await.map_err(failed())?;
@@ -23,20 +20,14 @@ pub(crate) async fn has_subscriber(
 }
 
 /// Whether someone answers what this asks, now or within `limit`.
-pub(crate) async fn has_queryable(
-    querier: &Querier<'_>,
-    limit: Duration,
-) -> Result<bool, ClientError> {
+pub(crate) async fn has_queryable(querier: &Querier<'_>, limit: Duration) -> Result<bool, ClientError> {
     let failed = || ClientError::session("looking for an answerer", querier.key_expr().as_str());
     let changes = querier.matching_listener().await.map_err(failed())?;
     let status = querier.matching_status().await.map_err(failed())?;
     Ok(status.matching() || becomes_true(&changes, limit).await)
 }
 
-async fn becomes_true(
-    changes: &MatchingListener<FifoChannelHandler<MatchingStatus>>,
-    limit: Duration,
-) -> bool {
+async fn becomes_true(changes: &MatchingListener<FifoChannelHandler<MatchingStatus>>, limit: Duration) -> bool {
     let deadline = Instant::now() + limit;
     while let Ok(Ok(status)) = timeout_at(deadline, changes.recv_async()).await {
         if status.matching() {

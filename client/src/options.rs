@@ -49,10 +49,7 @@ impl ClientOptions {
     /// # Errors
     /// [`ClientError::Config`] when it is not an endpoint.
     pub fn at(self, endpoint: &str) -> Result<ClientOptions, ClientError> {
-        Ok(ClientOptions {
-            zenoh: zenoh_config(None, &[endpoint.to_owned()])?,
-            ..self
-        })
+        Ok(ClientOptions { zenoh: zenoh_config(None, &[endpoint.to_owned()])?, ..self })
     }
 }
 

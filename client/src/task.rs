@@ -49,22 +49,14 @@ pub struct Task {
 
 impl fmt::Debug for Task {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Task")
-            .field("key", &self.key)
-            .field("epoch", &self.epoch.get())
-            .finish_non_exhaustive()
+        f.debug_struct("Task").field("key", &self.key).field("epoch", &self.epoch.get()).finish_non_exhaustive()
     }
 }
 
 impl Task {
     /// Declares what is used for every frame, and waits (within the request timeout) until the owner's side is known.
     pub(crate) async fn open(new: NewTask) -> Result<Task, ClientError> {
-        let NewTask {
-            shared,
-            key,
-            epoch,
-            secret,
-        } = new;
+        let NewTask { shared, key, epoch, secret } = new;
         let (twist, frame) = (shared.keys.twist(&key), shared.keys.frame(&key));
         let asker = shared
             .session
@@ -85,15 +77,7 @@ impl Task {
         if !matching::has_queryable(&asker, shared.options.request_timeout).await? {
             tracing::warn!(key = %twist, "nobody answers here yet");
         }
-        Ok(Task {
-            shared,
-            key,
-            secret,
-            epoch: Epoch::new(epoch),
-            misses: AtomicU32::new(0),
-            asker,
-            pusher,
-        })
+        Ok(Task { shared, key, secret, epoch: Epoch::new(epoch), misses: AtomicU32::new(0), asker, pusher })
     }
 
     /// Which task.
@@ -178,8 +162,7 @@ impl Task {
     /// # Errors
     /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
     pub async fn settings(&self) -> Result<TaskSettings, ClientError> {
-        self.ask_settings(self.empty_request(self.shared.keys.settings(&self.key)))
-            .await
+        self.ask_settings(self.empty_request(self.shared.keys.settings(&self.key))).await
     }
 
     /// Changes settings by a JSON merge patch (RFC 7396; null = the default). Gives those in force afterwards.
@@ -187,8 +170,7 @@ impl Task {
     /// # Errors
     /// [`ClientError::Refused`] with the setting and its range, [`ClientError::NoAnswer`].
     pub async fn change_settings(&self, patch: &Value) -> Result<TaskSettings, ClientError> {
-        self.ask_settings(self.json_request(self.shared.keys.settings(&self.key), patch))
-            .await
+        self.ask_settings(self.json_request(self.shared.keys.settings(&self.key), patch)).await
     }
 
     /// What a standby would need: owner, settings, which target, how far it got.
@@ -196,17 +178,10 @@ impl Task {
     /// # Errors
     /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
     pub async fn state(&self) -> Result<TaskState, ClientError> {
-        let state: TaskState = self
-            .empty_request(self.shared.keys.state(&self.key))
-            .ask_json()
-            .await?;
+        let state: TaskState = self.empty_request(self.shared.keys.state(&self.key)).ask_json().await?;
         match self.epoch.admit(state.epoch) {
             Ok(()) => Ok(state),
-            Err(newest) => Err(Task::older_epoch(
-                &self.shared.keys.state(&self.key),
-                newest,
-                state.epoch,
-            )),
+            Err(newest) => Err(Task::older_epoch(&self.shared.keys.state(&self.key), newest, state.epoch)),
         }
     }
 
@@ -221,10 +196,7 @@ impl Task {
             // Everybody may read this key, so the secret stays out.
             .attachment(frame.attachment(None, 0))
             .await
-            .map_err(ClientError::session(
-                "pushing a frame",
-                self.pusher.key_expr().as_str(),
-            ))
+            .map_err(ClientError::session("pushing a frame", self.pusher.key_expr().as_str()))
     }
 
     /// The twists for pushed frames.
@@ -232,12 +204,7 @@ impl Task {
     /// # Errors
     /// [`ClientError::Session`] when the session is closed.
     pub async fn commands(&self) -> Result<Commands, ClientError> {
-        Commands::follow(
-            &self.shared.session,
-            self.shared.keys.command(&self.key),
-            self.epoch.clone(),
-        )
-        .await
+        Commands::follow(&self.shared.session, self.shared.keys.command(&self.key), self.epoch.clone()).await
     }
 
     /// What the task says about itself: on every change, and twice a second.
@@ -250,17 +217,12 @@ impl Task {
     }
 
     fn older_epoch(key: &str, expected: u32, got: u32) -> ClientError {
-        ClientError::OlderEpoch {
-            key: key.to_owned(),
-            expected,
-            got,
-        }
+        ClientError::OlderEpoch { key: key.to_owned(), expected, got }
     }
 
     async fn ask_settings(&self, request: Request<'_>) -> Result<TaskSettings, ClientError> {
         let settings: Value = request.ask_json().await?;
-        TaskSettings::from_json(&settings)
-            .map_err(|error| ClientError::bad_answer(&request.key)(&error))
+        TaskSettings::from_json(&settings).map_err(|error| ClientError::bad_answer(&request.key)(&error))
     }
 
     async fn control(&self, control: Control) -> Result<Status, ClientError> {
@@ -270,27 +232,15 @@ impl Task {
     }
 
     fn empty_request(&self, key: String) -> Request<'_> {
-        self.with_secret(Request::empty(
-            &self.shared.session,
-            key,
-            self.shared.options.request_timeout,
-        ))
+        self.with_secret(Request::empty(&self.shared.session, key, self.shared.options.request_timeout))
     }
 
     fn json_request(&self, key: String, message: &impl serde::Serialize) -> Request<'_> {
-        self.with_secret(Request::json(
-            &self.shared.session,
-            key,
-            message,
-            self.shared.options.request_timeout,
-        ))
+        self.with_secret(Request::json(&self.shared.session, key, message, self.shared.options.request_timeout))
     }
 
     fn with_secret<'a>(&self, request: Request<'a>) -> Request<'a> {
         let attachment = self.secret.as_ref().map(|secret| secret.as_bytes().into());
-        Request {
-            attachment,
-            ..request
-        }
+        Request { attachment, ..request }
     }
 }

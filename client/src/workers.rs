@@ -46,38 +46,22 @@ pub(crate) struct Owner {
 }
 
 /// Every worker that answers, least loaded first. Rounds are repeated until one does or `limit` has passed.
-pub(crate) async fn workers(
-    session: &Session,
-    keys: &Keys,
-    limit: Duration,
-) -> Result<Vec<WorkerInfo>, ClientError> {
+pub(crate) async fn workers(session: &Session, keys: &Keys, limit: Duration) -> Result<Vec<WorkerInfo>, ClientError> {
     let started = Instant::now();
     loop {
         let mut found = one_round(session, keys, ROUND.min(limit)).await?;
         if !found.is_empty() {
-            found.sort_by(|a, b| {
-                a.load
-                    .total_cmp(&b.load)
-                    .then(a.tasks.cmp(&b.tasks))
-                    .then(a.worker.cmp(&b.worker))
-            });
+            found.sort_by(|a, b| a.load.total_cmp(&b.load).then(a.tasks.cmp(&b.tasks)).then(a.worker.cmp(&b.worker)));
             return Ok(found);
         }
         if started.elapsed() + PAUSE >= limit {
-            return Err(ClientError::NoWorker {
-                key: keys.workers_info(),
-                waited: started.elapsed(),
-            });
+            return Err(ClientError::NoWorker { key: keys.workers_info(), waited: started.elapsed() });
         }
         sleep(PAUSE).await;
     }
 }
 
-async fn one_round(
-    session: &Session,
-    keys: &Keys,
-    limit: Duration,
-) -> Result<Vec<WorkerInfo>, ClientError> {
+async fn one_round(session: &Session, keys: &Keys, limit: Duration) -> Result<Vec<WorkerInfo>, ClientError> {
     let key = keys.workers_info();
     let (callback, answers) = answers::<Reply>(ROOM);
     session
@@ -124,15 +108,8 @@ pub(crate) async fn owners(
     let deadline = Instant::now() + limit;
     let mut found = Vec::new();
     while let Ok(Ok(reply)) = timeout_at(deadline, answers.recv_async()).await {
-        let token = reply
-            .result()
-            .ok()
-            .and_then(|sample| keys.parse_owner(sample.key_expr().as_str()));
-        found.extend(token.map(|(task, worker, epoch)| Owner {
-            task,
-            worker,
-            epoch,
-        }));
+        let token = reply.result().ok().and_then(|sample| keys.parse_owner(sample.key_expr().as_str()));
+        found.extend(token.map(|(task, worker, epoch)| Owner { task, worker, epoch }));
     }
     Ok(found)
 }
@@ -149,29 +126,18 @@ pub(crate) async fn owner_of(
 }
 
 /// Every task with an owner, by name, and what each says within one status period.
-pub(crate) async fn tasks(
-    session: &Session,
-    keys: &Keys,
-    limit: Duration,
-) -> Result<Vec<ListedTask>, ClientError> {
+pub(crate) async fn tasks(session: &Session, keys: &Keys, limit: Duration) -> Result<Vec<ListedTask>, ClientError> {
     // Listening begins before the question, so that a status right after it is not missed.
     let mut statuses = Statuses::follow(session, keys.statuses(), None).await?;
     let mut owners = owners(session, keys, &keys.owners(), limit).await?;
     owners.sort_by(|a, b| a.task.cmp(&b.task).then(b.epoch.cmp(&a.epoch)));
     owners.dedup_by(|older, newest| older.task == newest.task);
-    let unheard = |owner: Owner| ListedTask {
-        task: owner.task,
-        worker: owner.worker,
-        epoch: owner.epoch,
-        status: None,
-    };
+    let unheard =
+        |owner: Owner| ListedTask { task: owner.task, worker: owner.worker, epoch: owner.epoch, status: None };
     let mut listed: Vec<_> = owners.into_iter().map(unheard).collect();
     let deadline = Instant::now() + STATUS_PERIOD;
     while listed.iter().any(|task| task.status.is_none()) {
-        let Some(message) = statuses
-            .recv(deadline.saturating_duration_since(Instant::now()))
-            .await
-        else {
+        let Some(message) = statuses.recv(deadline.saturating_duration_since(Instant::now())).await else {
             break;
         };
         if let Some(task) = listed.iter_mut().find(|listed| listed.task == message.task) {

@@ -32,10 +32,7 @@ impl Task {
     }
 
     async fn ask_twist(&self, frame: &OutgoingFrame) -> Result<TwistMessage, ClientError> {
-        let (key, limit) = (
-            self.asker.key_expr().as_str(),
-            self.shared.options.twist_timeout,
-        );
+        let (key, limit) = (self.asker.key_expr().as_str(), self.shared.options.twist_timeout);
         let (callback, answers) = few_answers();
         self.asker
             .get()
@@ -46,29 +43,18 @@ impl Task {
             .await
             .map_err(ClientError::session("asking for a twist", key))?;
         let answer = first_good(answers, key, limit).await?;
-        let twist = TwistMessage::decode(&answer.payload().to_bytes())
-            .map_err(|error| ClientError::bad_answer(key)(&error))?;
+        let twist =
+            TwistMessage::decode(&answer.payload().to_bytes()).map_err(|error| ClientError::bad_answer(key)(&error))?;
         self.check_twist(key, twist, frame.header().sequence)
     }
 
     /// Only the newest owner's twist for this very frame may be obeyed.
-    fn check_twist(
-        &self,
-        key: &str,
-        twist: TwistMessage,
-        expected: u64,
-    ) -> Result<TwistMessage, ClientError> {
-        self.epoch
-            .admit(twist.epoch)
-            .map_err(|newest| Task::older_epoch(key, newest, twist.epoch))?;
+    fn check_twist(&self, key: &str, twist: TwistMessage, expected: u64) -> Result<TwistMessage, ClientError> {
+        self.epoch.admit(twist.epoch).map_err(|newest| Task::older_epoch(key, newest, twist.epoch))?;
         // Zeros for a frame whose header nobody could read have no sequence to echo.
         let unread = twist.sequence == 0 && !twist.is_servoing();
         if twist.sequence != expected && !unread {
-            return Err(ClientError::WrongSequence {
-                key: key.to_owned(),
-                expected,
-                got: twist.sequence,
-            });
+            return Err(ClientError::WrongSequence { key: key.to_owned(), expected, got: twist.sequence });
         }
         Ok(twist)
     }
@@ -79,12 +65,7 @@ impl Task {
         if misses < MISSES {
             return Ok(());
         }
-        let Shared {
-            session,
-            keys,
-            options,
-            ..
-        } = &*self.shared;
+        let Shared { session, keys, options, .. } = &*self.shared;
         match owner_of(session, keys, &self.key, options.twist_timeout).await? {
             Some(owner) => {
                 self.misses.store(0, Ordering::Relaxed);
@@ -93,10 +74,7 @@ impl Task {
                 }
                 Ok(())
             }
-            None => Err(ClientError::OwnerLost {
-                task: self.key.clone(),
-                misses,
-            }),
+            None => Err(ClientError::OwnerLost { task: self.key.clone(), misses }),
         }
     }
 }

@@ -5,8 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use domvs_client::{
-    Camera, Client, ClientOptions, Name, OutgoingFrame, Secret, Status, Task, TaskKey,
-    TaskSettings, TwistMessage,
+    Camera, Client, ClientOptions, Name, OutgoingFrame, Secret, Status, Task, TaskKey, TaskSettings, TwistMessage,
 };
 use domvs_proto::body;
 use domvs_proto::frame::FrameHeader;
@@ -55,40 +54,20 @@ impl Fake {
 
     /// A complete queryable; what `answer` does not reply ends empty.
     pub async fn answer(&self, key: &str, answer: impl Fn(Query) + Send + Sync + 'static) {
-        let queryable = self
-            .session
-            .declare_queryable(key.to_owned())
-            .complete(true)
-            .callback(answer)
-            .await;
-        self.queryables
-            .lock()
-            .expect("no panic before")
-            .push(queryable.expect("a valid key"));
+        let queryable = self.session.declare_queryable(key.to_owned()).complete(true).callback(answer).await;
+        self.queryables.lock().expect("no panic before").push(queryable.expect("a valid key"));
     }
 
     /// A worker of this load that gives out [`task_key`] and answers nothing else.
     pub async fn worker(&self, worker: &str, load: f64) {
         let id = worker.to_owned();
-        self.worker_that_creates(worker, load, move |query| reply_json(&query, &created(&id)))
-            .await;
+        self.worker_that_creates(worker, load, move |query| reply_json(&query, &created(&id))).await;
     }
 
     /// A worker of this load that answers `create` like this.
-    pub async fn worker_that_creates(
-        &self,
-        worker: &str,
-        load: f64,
-        create: impl Fn(Query) + Send + Sync + 'static,
-    ) {
-        let info = WorkerInfo {
-            load,
-            ..WorkerInfo::new(name(worker))
-        };
-        self.answer(&self.keys.worker_info(&name(worker)), move |query| {
-            reply_json(&query, &info)
-        })
-        .await;
+    pub async fn worker_that_creates(&self, worker: &str, load: f64, create: impl Fn(Query) + Send + Sync + 'static) {
+        let info = WorkerInfo { load, ..WorkerInfo::new(name(worker)) };
+        self.answer(&self.keys.worker_info(&name(worker)), move |query| reply_json(&query, &info)).await;
         self.answer(&self.keys.creates(&name(worker)), create).await;
     }
 
@@ -100,20 +79,11 @@ impl Fake {
     }
 
     /// A task whose `twist` is answered by `answer`, on a client with this limit for twists.
-    pub async fn task(
-        &self,
-        twist_timeout: Duration,
-        answer: impl Fn(Query) + Send + Sync + 'static,
-    ) -> Task {
+    pub async fn task(&self, twist_timeout: Duration, answer: impl Fn(Query) + Send + Sync + 'static) -> Task {
         self.worker("w", 0.0).await;
         self.answer(&self.keys.twist(&task_key("w")), answer).await;
-        let client = self
-            .client(|options| options.twist_timeout = twist_timeout)
-            .await;
-        client
-            .create_task(&settings())
-            .await
-            .expect("the fake gives every task")
+        let client = self.client(|options| options.twist_timeout = twist_timeout).await;
+        client.create_task(&settings()).await.expect("the fake gives every task")
     }
 }
 
@@ -134,18 +104,13 @@ fn router(endpoint: &str) -> zenoh::Config {
 
 /// An endpoint that was free a moment ago.
 pub fn free_endpoint() -> String {
-    let port = TcpListener::bind("127.0.0.1:0")
-        .and_then(|listener| listener.local_addr())
-        .expect("a free port")
-        .port();
+    let port = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port").port();
     format!("tcp/127.0.0.1:{port}")
 }
 
 /// The options of client `alice`, with room for a busy machine.
 pub fn options(endpoint: &str) -> ClientOptions {
-    let options = ClientOptions::named("alice")
-        .and_then(|options| options.at(endpoint))
-        .expect("valid");
+    let options = ClientOptions::named("alice").and_then(|options| options.at(endpoint)).expect("valid");
     ClientOptions {
         request_timeout: LIMIT,
         twist_timeout: LIMIT,
@@ -162,51 +127,29 @@ pub fn name(text: &str) -> Name {
 
 /// The task that worker `worker` gives to client `alice`.
 pub fn task_key(worker: &str) -> TaskKey {
-    TaskKey {
-        client: name("alice"),
-        id: name(&format!("of-{worker}")),
-    }
+    TaskKey { client: name("alice"), id: name(&format!("of-{worker}")) }
 }
 
 /// What its `create` answers.
 pub fn created(worker: &str) -> CreateReply {
-    CreateReply {
-        task: task_key(worker),
-        epoch: EPOCH,
-        secret: Secret::new(SECRET),
-    }
+    CreateReply { task: task_key(worker), epoch: EPOCH, secret: Secret::new(SECRET) }
 }
 
 /// Settings for an 8 × 8 camera, order 4.
 pub fn settings() -> TaskSettings {
-    let camera = Camera {
-        fx: 10.0,
-        fy: 10.0,
-        cx: 3.5,
-        cy: 3.5,
-        width: 8,
-        height: 8,
-        distortion: None,
-    };
+    let camera = Camera { fx: 10.0, fy: 10.0, cx: 3.5, cy: 3.5, width: 8, height: 8, distortion: None };
     TaskSettings::from_json(&serde_json::json!({ "camera": camera, "order": 4 })).expect("valid")
 }
 
 /// A frame of that camera.
 pub fn frame(sequence: u64) -> OutgoingFrame {
-    OutgoingFrame::mono8(8, 8, vec![9; 64])
-        .expect("the right length")
-        .numbered(sequence, 1000 + sequence)
+    OutgoingFrame::mono8(8, 8, vec![9; 64]).expect("the right length").numbered(sequence, 1000 + sequence)
 }
 
 /// A twist that moves, as an owner of `epoch` answers a frame.
 pub fn moving(sequence: u64, epoch: u32) -> TwistMessage {
     let twist = [0.1, 0.0, 0.0, 0.0, 0.0, 0.2];
-    TwistMessage {
-        sequence,
-        epoch,
-        twist,
-        ..TwistMessage::zero(Status::Servoing)
-    }
+    TwistMessage { sequence, epoch, twist, ..TwistMessage::zero(Status::Servoing) }
 }
 
 /// The header of the frame in a query.
@@ -217,10 +160,7 @@ pub fn header_of(query: &Query) -> FrameHeader {
 
 /// Replies these bytes.
 pub fn reply(query: &Query, bytes: impl Into<ZBytes>) {
-    query
-        .reply(query.key_expr(), bytes)
-        .wait()
-        .expect("the session is open");
+    query.reply(query.key_expr(), bytes).wait().expect("the session is open");
 }
 
 /// Replies a twist.
@@ -235,10 +175,7 @@ pub fn reply_json(query: &Query, message: &impl Serialize) {
 
 /// Refuses.
 pub fn refuse(query: &Query, code: ErrorCode, sentence: &str) {
-    query
-        .reply_err(body::write(&ErrorReply::new(code, sentence)))
-        .wait()
-        .expect("the session is open");
+    query.reply_err(body::write(&ErrorReply::new(code, sentence))).wait().expect("the session is open");
 }
 
 /// Queries that are neither answered nor dropped.
@@ -264,7 +201,5 @@ pub async fn until(what: &str, mut condition: impl FnMut() -> bool) {
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
     };
-    tokio::time::timeout(LIMIT, check)
-        .await
-        .unwrap_or_else(|_| panic!("not within {LIMIT:?}: {what}"));
+    tokio::time::timeout(LIMIT, check).await.unwrap_or_else(|_| panic!("not within {LIMIT:?}: {what}"));
 }

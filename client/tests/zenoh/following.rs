@@ -13,10 +13,8 @@ use crate::fake::{EPOCH, Fake, LIMIT, frame, moving, task_key, until};
 /// A publisher that the follower is known to hear.
 async fn heard(fake: &Fake, key: String) -> Publisher<'static> {
     let publisher = fake.session.declare_publisher(key).await.expect("declared");
-    until("somebody follows", || {
-        zenoh::Wait::wait(publisher.matching_status()).is_ok_and(|status| status.matching())
-    })
-    .await;
+    until("somebody follows", || zenoh::Wait::wait(publisher.matching_status()).is_ok_and(|status| status.matching()))
+        .await;
     publisher
 }
 
@@ -39,10 +37,7 @@ async fn the_newest_command_wins_and_the_others_are_counted() {
         say(&publisher, moving(sequence, EPOCH)).await;
     }
     until("all three have come", || commands.missed() == 2).await;
-    assert_eq!(
-        commands.recv(LIMIT).await.map(|twist| twist.sequence),
-        Some(3)
-    );
+    assert_eq!(commands.recv(LIMIT).await.map(|twist| twist.sequence), Some(3));
     assert_eq!(commands.latest(), None, "a twist is never given twice");
 }
 
@@ -54,11 +49,7 @@ async fn commands_of_older_epochs_are_dropped_and_counted() {
     say(&publisher, moving(2, EPOCH)).await;
     until("the older one was dropped", || commands.older_epochs() == 1).await;
     assert_eq!(commands.latest().map(|twist| twist.sequence), Some(1));
-    assert_eq!(
-        task.epoch(),
-        EPOCH + 1,
-        "the task learns of the new owner from what it says"
-    );
+    assert_eq!(task.epoch(), EPOCH + 1, "the task learns of the new owner from what it says");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -67,10 +58,7 @@ async fn a_command_that_is_no_twist_comes_out_as_zeros() {
     let (_task, mut commands, publisher) = commanded(&fake).await;
     publisher.put("go faster").await.expect("published");
     let twist = commands.recv(LIMIT).await.expect("zeros");
-    assert_eq!(
-        (twist.status, twist.twist, commands.unreadable()),
-        (Status::Internal, [0.0; 6], 1)
-    );
+    assert_eq!((twist.status, twist.twist, commands.unreadable()), (Status::Internal, [0.0; 6], 1));
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -86,53 +74,29 @@ async fn statuses_come_in_order_without_those_of_older_epochs() {
     let task = fake.task(LIMIT, drop).await;
     let mut statuses = task.statuses().await.expect("following");
     let publisher = heard(&fake, fake.keys.status(&task_key("w"))).await;
-    for (status, epoch) in [
-        (Status::Ready, EPOCH),
-        (Status::Paused, EPOCH - 1),
-        (Status::Servoing, EPOCH),
-    ] {
-        publisher
-            .put(body::write(&StatusMessage::new(
-                task_key("w"),
-                status,
-                epoch,
-            )))
-            .await
-            .expect("published");
+    for (status, epoch) in [(Status::Ready, EPOCH), (Status::Paused, EPOCH - 1), (Status::Servoing, EPOCH)] {
+        publisher.put(body::write(&StatusMessage::new(task_key("w"), status, epoch))).await.expect("published");
     }
     let mut next = async || statuses.recv(LIMIT).await.map(|message| message.status);
-    assert_eq!(
-        (next().await, next().await),
-        (Some(Status::Ready), Some(Status::Servoing))
-    );
+    assert_eq!((next().await, next().await), (Some(Status::Ready), Some(Status::Servoing)));
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_pushed_frame_carries_its_number_but_not_the_secret() {
     let fake = Fake::start().await;
     let (sent, arrived) = flume::bounded(16);
-    let camera = fake
-        .session
-        .declare_subscriber(fake.keys.frame(&task_key("w")));
-    let _camera = camera
-        .callback(move |sample| drop(sent.try_send(sample)))
-        .await
-        .expect("declared");
+    let camera = fake.session.declare_subscriber(fake.keys.frame(&task_key("w")));
+    let _camera = camera.callback(move |sample| drop(sent.try_send(sample))).await.expect("declared");
     let task = fake.task(LIMIT, drop).await;
     let pushed = frame(3);
     let mut got = None;
     while got.is_none() {
         // The first may be gone before the subscriber is known here.
         task.push(&pushed).await.expect("published");
-        got = tokio::time::timeout(Duration::from_secs(1), arrived.recv_async())
-            .await
-            .ok();
+        got = tokio::time::timeout(Duration::from_secs(1), arrived.recv_async()).await.ok();
     }
-    let sample = got
-        .expect("the loop waits for it")
-        .expect("the subscriber lives");
-    let header =
-        FrameHeader::decode(&sample.attachment().expect("a header").to_bytes()).expect("a header");
+    let sample = got.expect("the loop waits for it").expect("the subscriber lives");
+    let header = FrameHeader::decode(&sample.attachment().expect("a header").to_bytes()).expect("a header");
     assert_eq!(&header, pushed.header());
     assert_eq!(sample.payload().to_bytes(), pushed.payload().to_bytes());
 }

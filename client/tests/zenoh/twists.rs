@@ -6,9 +6,7 @@ use std::time::Duration;
 use domvs_client::{ClientError, Secret, Silence, Status, TwistMessage};
 use zenoh::query::Query;
 
-use crate::fake::{
-    EPOCH, Fake, Held, LIMIT, SECRET, frame, header_of, moving, name, reply, reply_twist, task_key,
-};
+use crate::fake::{EPOCH, Fake, Held, LIMIT, SECRET, frame, header_of, moving, name, reply, reply_twist, task_key};
 
 const SHORT: Duration = Duration::from_millis(200);
 
@@ -30,11 +28,8 @@ async fn a_frame_carries_pixels_secret_time_and_deadline() {
     let fake = Fake::start().await;
     let (sent, arrived) = flume::bounded(1);
     let look = move |query: Query| {
-        let pixels = query
-            .payload()
-            .map(|payload| payload.to_bytes().into_owned());
-        sent.try_send((header_of(&query), pixels))
-            .expect("one frame");
+        let pixels = query.payload().map(|payload| payload.to_bytes().into_owned());
+        sent.try_send((header_of(&query), pixels)).expect("one frame");
         obey(query);
     };
     let task = fake.task(LIMIT, look).await;
@@ -52,33 +47,17 @@ async fn silence_without_an_owner_becomes_owner_lost_at_the_third_time() {
     let task = fake.task(LIMIT, drop).await;
     for sequence in 1..=2 {
         let error = task.twist(&frame(sequence)).await.expect_err("empty");
-        assert!(
-            matches!(
-                error,
-                ClientError::NoAnswer {
-                    reason: Silence::Empty,
-                    ..
-                }
-            ),
-            "{error}"
-        );
+        assert!(matches!(error, ClientError::NoAnswer { reason: Silence::Empty, .. }), "{error}");
     }
     let error = task.twist(&frame(3)).await.expect_err("empty");
-    assert!(
-        matches!(error, ClientError::OwnerLost { misses: 3, .. }),
-        "{error}"
-    );
+    assert!(matches!(error, ClientError::OwnerLost { misses: 3, .. }), "{error}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn silence_under_a_new_owner_raises_the_epoch() {
     let fake = Fake::start().await;
     let newer = EPOCH + (1 << 16);
-    let token = fake.session.liveliness().declare_token(fake.keys.owner(
-        &task_key("w"),
-        &name("standby"),
-        newer,
-    ));
+    let token = fake.session.liveliness().declare_token(fake.keys.owner(&task_key("w"), &name("standby"), newer));
     let _token = token.await.expect("declared");
     let task = fake.task(LIMIT, drop).await;
     for sequence in 1..=3 {
@@ -111,24 +90,11 @@ async fn a_late_answer_is_not_taken_for_the_next_frame() {
     let holder = held.clone();
     static HOLDING: AtomicBool = AtomicBool::new(true);
     let hold_the_first = move |query| {
-        if HOLDING.swap(false, Ordering::Relaxed) {
-            holder.hold(query)
-        } else {
-            obey(query)
-        }
+        if HOLDING.swap(false, Ordering::Relaxed) { holder.hold(query) } else { obey(query) }
     };
     let task = fake.task(SHORT, hold_the_first).await;
     let error = task.twist(&frame(1)).await.expect_err("too late");
-    assert!(
-        matches!(
-            error,
-            ClientError::NoAnswer {
-                reason: Silence::TimedOut,
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, ClientError::NoAnswer { reason: Silence::TimedOut, .. }), "{error}");
     for query in held.release() {
         // The route may be gone by now; then there is nothing to be confused by.
         let _ = zenoh::Wait::wait(query.reply(query.key_expr(), moving(1, EPOCH).encode()));
@@ -136,12 +102,7 @@ async fn a_late_answer_is_not_taken_for_the_next_frame() {
     // Scheduling on a busy machine may cost a frame or two; the wrong one never comes.
     let mut answers = Vec::new();
     for sequence in 2..=50 {
-        answers.extend(
-            task.twist(&frame(sequence))
-                .await
-                .ok()
-                .map(|twist| twist.sequence == sequence),
-        );
+        answers.extend(task.twist(&frame(sequence)).await.ok().map(|twist| twist.sequence == sequence));
         if !answers.is_empty() {
             break;
         }
@@ -152,13 +113,10 @@ async fn a_late_answer_is_not_taken_for_the_next_frame() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_twist_of_an_older_epoch_is_dropped() {
     let fake = Fake::start().await;
-    let from_the_past =
-        |query: Query| reply_twist(&query, moving(header_of(&query).sequence, EPOCH - 1));
+    let from_the_past = |query: Query| reply_twist(&query, moving(header_of(&query).sequence, EPOCH - 1));
     let task = fake.task(LIMIT, from_the_past).await;
     let error = task.twist(&frame(1)).await.expect_err("older");
-    let ClientError::OlderEpoch { expected, got, .. } = error else {
-        panic!("{error}")
-    };
+    let ClientError::OlderEpoch { expected, got, .. } = error else { panic!("{error}") };
     assert_eq!((expected, got), (EPOCH, EPOCH - 1));
 }
 
@@ -180,37 +138,17 @@ async fn a_newer_epoch_is_taken_over_and_ends_the_older() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_twist_for_another_frame_is_dropped() {
     let fake = Fake::start().await;
-    let task = fake
-        .task(LIMIT, |query| reply_twist(&query, moving(41, EPOCH)))
-        .await;
+    let task = fake.task(LIMIT, |query| reply_twist(&query, moving(41, EPOCH))).await;
     let error = task.twist(&frame(42)).await.expect_err("another frame's");
-    assert!(
-        matches!(
-            error,
-            ClientError::WrongSequence {
-                expected: 42,
-                got: 41,
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, ClientError::WrongSequence { expected: 42, got: 41, .. }), "{error}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn zeros_for_a_frame_that_could_not_be_read_are_passed_on() {
     let fake = Fake::start().await;
-    let bad = TwistMessage {
-        epoch: EPOCH,
-        ..TwistMessage::zero(Status::BadFrame)
-    };
-    let task = fake
-        .task(LIMIT, move |query| reply_twist(&query, bad))
-        .await;
-    assert_eq!(
-        task.twist(&frame(42)).await.expect("zeros").status,
-        Status::BadFrame
-    );
+    let bad = TwistMessage { epoch: EPOCH, ..TwistMessage::zero(Status::BadFrame) };
+    let task = fake.task(LIMIT, move |query| reply_twist(&query, bad)).await;
+    assert_eq!(task.twist(&frame(42)).await.expect("zeros").status, Status::BadFrame);
 }
 
 #[tokio::test(flavor = "multi_thread")]
