@@ -16,7 +16,7 @@ pub struct ClientOptions {
     pub name: Name,
     /// How to reach the others; see [`zenoh_config`].
     pub zenoh: zenoh::Config,
-    /// How long [`Client::connect`] tries. Default 5 s.
+    /// How long [`crate::Client::connect`] tries. Default 5 s.
     pub connect_limit: Duration,
     /// How long a worker is looked for. Default 2 s.
     pub discovery_limit: Duration,
