@@ -16,6 +16,9 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
+# What the package raises where a file is cut off, as the place has it.
+TORN = (McapError, EOFError, struct.error)
+
 FRAME_HEADER = struct.Struct("<BBBBIIIIfQQII")
 TWIST = struct.Struct("<BBHHHQQIIII6d3dd8x")
 
@@ -59,7 +62,7 @@ def read_from_the_front(path):
                 elif isinstance(record, Message):
                     check(channels[record.channel_id], record)
                     topics[channels[record.channel_id].topic] += 1
-        except McapError:
+        except TORN:
             pass
     return topics, {}
 
@@ -68,7 +71,7 @@ def main(path):
     try:
         topics, metadata = read_indexed(path)
         complete = True
-    except McapError:
+    except TORN:
         topics, metadata = read_from_the_front(path)
         complete = False
     print(json.dumps({"complete": complete, "topics": dict(sorted(topics.items())), "metadata": metadata}))
