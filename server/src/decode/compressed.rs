@@ -34,10 +34,7 @@ impl Codec {
             Codec::Png => frame::PNG,
             Codec::Jpeg => frame::JPEG,
         };
-        DecodeError::Undecodable {
-            encoding,
-            reason: reason.to_string(),
-        }
+        DecodeError::Undecodable { encoding, reason: reason.to_string() }
     }
 }
 
@@ -51,8 +48,7 @@ pub(super) fn read(
 ) -> Result<Picture, DecodeError> {
     match codec {
         Codec::Png => {
-            let [width, height] =
-                png_size(bytes).ok_or_else(|| codec.undecodable("it does not begin like a PNG"))?;
+            let [width, height] = png_size(bytes).ok_or_else(|| codec.undecodable("it does not begin like a PNG"))?;
             check_size(width, height, header, limits)?;
             let decoder = PngDecoder::with_limits(Cursor::new(bytes), image_limits(limits));
             read_samples(codec, decoder, header, limits, samples)
@@ -62,13 +58,7 @@ pub(super) fn read(
                 return Err(codec.undecodable("its end is missing"));
             }
             // This constructor reads headers only; it takes no memory for pixels.
-            read_samples(
-                codec,
-                JpegDecoder::new(Cursor::new(bytes)),
-                header,
-                limits,
-                samples,
-            )
+            read_samples(codec, JpegDecoder::new(Cursor::new(bytes)), header, limits, samples)
         }
     }
 }
@@ -83,33 +73,17 @@ fn read_samples<D: ImageDecoder>(
     let mut decoder = decoder.map_err(|error| codec.undecodable(error))?;
     let (width, height) = decoder.dimensions();
     check_size(width, height, header, limits)?;
-    decoder
-        .set_limits(image_limits(limits))
-        .map_err(|error| codec.undecodable(error))?;
+    decoder.set_limits(image_limits(limits)).map_err(|error| codec.undecodable(error))?;
     let color = decoder.color_type();
     let bytes = u64::from(width) * u64::from(height) * u64::from(color.bytes_per_pixel());
     samples.clear();
-    samples.resize(
-        usize::try_from(bytes).map_err(|error| codec.undecodable(error))?,
-        0,
-    );
-    decoder
-        .read_image(samples)
-        .map_err(|error| codec.undecodable(error))?;
-    Ok(Picture {
-        width,
-        height,
-        color,
-    })
+    samples.resize(usize::try_from(bytes).map_err(|error| codec.undecodable(error))?, 0);
+    decoder.read_image(samples).map_err(|error| codec.undecodable(error))?;
+    Ok(Picture { width, height, color })
 }
 
 /// The image's own size must be what the header says (0x0: nothing), not empty, and within the limits.
-fn check_size(
-    width: u32,
-    height: u32,
-    header: &FrameHeader,
-    limits: DecodeLimits,
-) -> Result<(), DecodeError> {
+fn check_size(width: u32, height: u32, header: &FrameHeader, limits: DecodeLimits) -> Result<(), DecodeError> {
     let (expected, got) = ([header.width, header.height], [width, height]);
     if expected != [0, 0] && expected != got {
         return Err(DecodeError::SizeMismatch { expected, got });
@@ -125,12 +99,7 @@ fn image_limits(limits: DecodeLimits) -> Limits {
     let mut image_limits = Limits::default();
     image_limits.max_image_width = Some(most_pixels);
     image_limits.max_image_height = Some(most_pixels);
-    image_limits.max_alloc = Some(
-        limits
-            .max_pixels
-            .saturating_mul(MOST_BYTES_PER_PIXEL)
-            .saturating_add(WORKING_BYTES),
-    );
+    image_limits.max_alloc = Some(limits.max_pixels.saturating_mul(MOST_BYTES_PER_PIXEL).saturating_add(WORKING_BYTES));
     image_limits
 }
 

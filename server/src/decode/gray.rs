@@ -5,19 +5,12 @@ use domvs_vision::Plane;
 use image::ColorType;
 
 /// Raw pixels, little-endian, a row every `row_bytes`; of YUYV and NV12 only Y is read.
-pub(super) fn from_raw(
-    format: PixelFormat,
-    bytes: &[u8],
-    row_bytes: usize,
-    image: &mut Plane<f32>,
-) {
+pub(super) fn from_raw(format: PixelFormat, bytes: &[u8], row_bytes: usize, image: &mut Plane<f32>) {
     match format {
         PixelFormat::ByEncoding => unreachable!("compressed frames are read by their decoders"),
         PixelFormat::Mono8 | PixelFormat::Nv12 => fill(image, bytes, row_bytes, |&[y]| over_255(y)),
         PixelFormat::Yuyv => fill(image, bytes, row_bytes, |&[y, _]| over_255(y)),
-        PixelFormat::Mono16 => fill(image, bytes, row_bytes, |y| {
-            over_65535(u16::from_le_bytes(*y))
-        }),
+        PixelFormat::Mono16 => fill(image, bytes, row_bytes, |y| over_65535(u16::from_le_bytes(*y))),
         PixelFormat::Rgb8 => fill(image, bytes, row_bytes, |&[r, g, b]| luma8(r, g, b)),
         PixelFormat::Bgr8 => fill(image, bytes, row_bytes, |&[b, g, r]| luma8(r, g, b)),
         PixelFormat::Rgba8 => fill(image, bytes, row_bytes, |&[r, g, b, _]| luma8(r, g, b)),
@@ -37,17 +30,11 @@ pub(super) fn from_samples(color: ColorType, bytes: &[u8], image: &mut Plane<f32
         ColorType::Rgba8 => fill(image, bytes, row, |&[r, g, b, _]| luma8(r, g, b)),
         ColorType::L16 => fill(image, bytes, row, |&[y, z]| over_65535(wide(y, z))),
         ColorType::La16 => fill(image, bytes, row, |&[y, z, _, _]| over_65535(wide(y, z))),
-        ColorType::Rgb16 => fill(image, bytes, row, |&[r, s, g, h, b, c]| {
-            luma16(wide(r, s), wide(g, h), wide(b, c))
-        }),
+        ColorType::Rgb16 => fill(image, bytes, row, |&[r, s, g, h, b, c]| luma16(wide(r, s), wide(g, h), wide(b, c))),
         ColorType::Rgba16 => {
-            fill(image, bytes, row, |&[r, s, g, h, b, c, _, _]| {
-                luma16(wide(r, s), wide(g, h), wide(b, c))
-            });
+            fill(image, bytes, row, |&[r, s, g, h, b, c, _, _]| luma16(wide(r, s), wide(g, h), wide(b, c)));
         }
-        _ => unreachable!(
-            "PNG and JPEG decoders write 8 or 16 bits per sample, 1 to 4 samples per pixel"
-        ),
+        _ => unreachable!("PNG and JPEG decoders write 8 or 16 bits per sample, 1 to 4 samples per pixel"),
     }
 }
 
@@ -59,11 +46,7 @@ pub(super) fn fill<const N: usize>(
     sample: impl Fn(&[u8; N]) -> f32,
 ) {
     let width = plane.width();
-    for (to, from) in plane
-        .samples_mut()
-        .chunks_exact_mut(width)
-        .zip(bytes.chunks(row_bytes))
-    {
+    for (to, from) in plane.samples_mut().chunks_exact_mut(width).zip(bytes.chunks(row_bytes)) {
         let (pixels, _) = from[..width * N].as_chunks::<N>();
         for (to, pixel) in to.iter_mut().zip(pixels) {
             *to = sample(pixel);

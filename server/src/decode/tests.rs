@@ -10,10 +10,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-const LIMITS: DecodeLimits = DecodeLimits {
-    max_pixels: 1 << 20,
-    max_bytes: 1 << 24,
-};
+const LIMITS: DecodeLimits = DecodeLimits { max_pixels: 1 << 20, max_bytes: 1 << 24 };
 const NO_TYPE: &str = "application/octet-stream";
 /// One rounding of an `f32` in [0, 1]: half a unit in the last place, and as much again for a second one.
 const ROUNDING: f64 = 1.2e-7;
@@ -29,30 +26,19 @@ fn noise(count: usize) -> Vec<u8> {
 }
 
 fn decode_raw(header: &FrameHeader, payload: &[u8]) -> Result<Plane<f32>, DecodeError> {
-    Decoder::new()
-        .decode(Some(header), NO_TYPE, payload, LIMITS)
-        .map(|decoded| decoded.image.clone())
+    Decoder::new().decode(Some(header), NO_TYPE, payload, LIMITS).map(|decoded| decoded.image.clone())
 }
 
 fn decode_file(encoding: &str, payload: &[u8]) -> Result<Plane<f32>, DecodeError> {
-    Decoder::new()
-        .decode(None, encoding, payload, LIMITS)
-        .map(|decoded| decoded.image.clone())
+    Decoder::new().decode(None, encoding, payload, LIMITS).map(|decoded| decoded.image.clone())
 }
 
-fn assert_plane(
-    plane: &Plane<f32>,
-    [width, height]: [usize; 2],
-    expected: impl Fn(usize, usize) -> f64,
-) {
+fn assert_plane(plane: &Plane<f32>, [width, height]: [usize; 2], expected: impl Fn(usize, usize) -> f64) {
     assert_eq!([plane.width(), plane.height()], [width, height]);
     for v in 0..height {
         for u in 0..width {
             let (expected, got) = (expected(u, v), f64::from(plane.at(u, v)));
-            assert!(
-                (got - expected).abs() <= ROUNDING,
-                "at ({u}, {v}): expected {expected}, got {got}"
-            );
+            assert!((got - expected).abs() <= ROUNDING, "at ({u}, {v}): expected {expected}, got {got}");
         }
     }
 }
@@ -64,18 +50,14 @@ fn luma(r: u8, g: u8, b: u8) -> f64 {
 fn png(bytes: &[u8], width: u32, height: u32, color: ColorType) -> Vec<u8> {
     let mut file = Vec::new();
     let encoder = image::codecs::png::PngEncoder::new(Cursor::new(&mut file));
-    encoder
-        .write_image(bytes, width, height, color.into())
-        .unwrap();
+    encoder.write_image(bytes, width, height, color.into()).unwrap();
     file
 }
 
 fn jpeg(bytes: &[u8], width: u32, height: u32, color: ColorType) -> Vec<u8> {
     let mut file = Vec::new();
     let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(Cursor::new(&mut file), 100);
-    encoder
-        .write_image(bytes, width, height, color.into())
-        .unwrap();
+    encoder.write_image(bytes, width, height, color.into()).unwrap();
     file
 }
 
@@ -84,9 +66,7 @@ fn every_raw_format_follows_its_formula_with_tight_and_padded_rows() {
     type Formula = fn(&[u8]) -> f64;
     let formats: [(PixelFormat, usize, Formula); 8] = [
         (PixelFormat::Mono8, 1, |p| f64::from(p[0]) / 255.0),
-        (PixelFormat::Mono16, 2, |p| {
-            (f64::from(p[0]) + 256.0 * f64::from(p[1])) / 65535.0
-        }),
+        (PixelFormat::Mono16, 2, |p| (f64::from(p[0]) + 256.0 * f64::from(p[1])) / 65535.0),
         (PixelFormat::Rgb8, 3, |p| luma(p[0], p[1], p[2])),
         (PixelFormat::Bgr8, 3, |p| luma(p[2], p[1], p[0])),
         (PixelFormat::Rgba8, 4, |p| luma(p[0], p[1], p[2])),
@@ -98,34 +78,19 @@ fn every_raw_format_follows_its_formula_with_tight_and_padded_rows() {
     for (format, pixel, formula) in formats {
         for padding in [0, 5] {
             let stride = width * pixel + padding;
-            let rows = if format == PixelFormat::Nv12 {
-                height + height / 2
-            } else {
-                height
-            };
+            let rows = if format == PixelFormat::Nv12 { height + height / 2 } else { height };
             let payload = noise(stride * rows);
             let row_bytes = if padding == 0 { 0 } else { stride as u32 };
-            let header = FrameHeader {
-                row_bytes,
-                ..FrameHeader::new(format, width as u32, height as u32)
-            };
+            let header = FrameHeader { row_bytes, ..FrameHeader::new(format, width as u32, height as u32) };
             let image = decode_raw(&header, &payload).unwrap();
-            assert_plane(&image, [width, height], |u, v| {
-                formula(&payload[v * stride + u * pixel..])
-            });
+            assert_plane(&image, [width, height], |u, v| formula(&payload[v * stride + u * pixel..]));
         }
     }
 }
 
 #[test]
 fn black_is_exactly_0_and_white_exactly_1() {
-    let formats = [
-        PixelFormat::Mono8,
-        PixelFormat::Mono16,
-        PixelFormat::Rgb8,
-        PixelFormat::Bgra8,
-        PixelFormat::Yuyv,
-    ];
+    let formats = [PixelFormat::Mono8, PixelFormat::Mono16, PixelFormat::Rgb8, PixelFormat::Bgra8, PixelFormat::Yuyv];
     for format in formats {
         for (byte, gray) in [(0, 0.0), (255, 1.0)] {
             let payload = vec![byte; 4 * format.bytes_per_pixel() as usize];
@@ -138,43 +103,28 @@ fn black_is_exactly_0_and_white_exactly_1() {
 #[test]
 fn float_pixels_are_taken_as_they_are() {
     let samples = [0.1_f32, -3.5, 7e9, f32::MIN_POSITIVE / 2.0];
-    let payload: Vec<u8> = samples
-        .iter()
-        .flat_map(|sample| sample.to_le_bytes())
-        .collect();
+    let payload: Vec<u8> = samples.iter().flat_map(|sample| sample.to_le_bytes()).collect();
     let image = decode_raw(&FrameHeader::new(PixelFormat::Mono32F, 2, 2), &payload).unwrap();
     assert_eq!(image.samples(), samples);
 }
 
 #[test]
 fn a_few_pixels_that_are_not_finite_become_0_and_are_counted() {
-    let payload: Vec<u8> = [f32::NAN, 0.5, f32::INFINITY, 0.25]
-        .iter()
-        .flat_map(|sample| sample.to_le_bytes())
-        .collect();
+    let payload: Vec<u8> =
+        [f32::NAN, 0.5, f32::INFINITY, 0.25].iter().flat_map(|sample| sample.to_le_bytes()).collect();
     let mut decoder = Decoder::new();
     let header = FrameHeader::new(PixelFormat::Mono32F, 2, 2);
-    let decoded = decoder
-        .decode(Some(&header), NO_TYPE, &payload, LIMITS)
-        .unwrap();
+    let decoded = decoder.decode(Some(&header), NO_TYPE, &payload, LIMITS).unwrap();
     assert_eq!(decoded.replaced_pixels, 2);
     assert_eq!(decoded.image.samples(), [0.0, 0.5, 0.0, 0.25]);
 }
 
 #[test]
 fn more_than_half_not_finite_is_refused() {
-    let payload: Vec<u8> = [f32::NAN, f32::NAN, f32::INFINITY, 0.25]
-        .iter()
-        .flat_map(|sample| sample.to_le_bytes())
-        .collect();
+    let payload: Vec<u8> =
+        [f32::NAN, f32::NAN, f32::INFINITY, 0.25].iter().flat_map(|sample| sample.to_le_bytes()).collect();
     let refused = decode_raw(&FrameHeader::new(PixelFormat::Mono32F, 2, 2), &payload);
-    assert_eq!(
-        refused,
-        Err(DecodeError::NotFinite {
-            pixels: 4,
-            finite: 1
-        })
-    );
+    assert_eq!(refused, Err(DecodeError::NotFinite { pixels: 4, finite: 1 }));
 }
 
 #[test]
@@ -182,8 +132,7 @@ fn every_kind_of_png_follows_the_formula() {
     let [width, height] = [7, 5];
     let wide = |p: &[u8], i: usize| f64::from(u16::from_ne_bytes([p[2 * i], p[2 * i + 1]]));
     type Formula<'a> = &'a dyn Fn(&[u8]) -> f64;
-    let luma16 =
-        |p: &[u8]| (0.299 * wide(p, 0) + 0.587 * wide(p, 1) + 0.114 * wide(p, 2)) / 65535.0;
+    let luma16 = |p: &[u8]| (0.299 * wide(p, 0) + 0.587 * wide(p, 1) + 0.114 * wide(p, 2)) / 65535.0;
     let kinds: [(ColorType, Formula<'_>); 8] = [
         (ColorType::L8, &|p| f64::from(p[0]) / 255.0),
         (ColorType::La8, &|p| f64::from(p[0]) / 255.0),
@@ -197,14 +146,8 @@ fn every_kind_of_png_follows_the_formula() {
     for (color, formula) in kinds {
         let pixel = usize::from(color.bytes_per_pixel());
         let bytes = noise(width * height * pixel);
-        let image = decode_file(
-            "image/png",
-            &png(&bytes, width as u32, height as u32, color),
-        )
-        .unwrap();
-        assert_plane(&image, [width, height], |u, v| {
-            formula(&bytes[(v * width + u) * pixel..])
-        });
+        let image = decode_file("image/png", &png(&bytes, width as u32, height as u32, color)).unwrap();
+        assert_plane(&image, [width, height], |u, v| formula(&bytes[(v * width + u) * pixel..]));
     }
 }
 
@@ -214,19 +157,13 @@ fn gray_and_colour_jpeg_follow_the_formula_within_the_loss_of_jpeg() {
     let ramp = |i: usize| (i % 24 * 8) as u8;
     // Quality 100 of a smooth ramp: a few levels of 255 are lost, the more where colour is subsampled.
     let gray: Vec<u8> = (0..24 * 16).map(ramp).collect();
-    let color: Vec<u8> = (0..24 * 16)
-        .flat_map(|i| [ramp(i), 200, 255 - ramp(i)])
-        .collect();
+    let color: Vec<u8> = (0..24 * 16).flat_map(|i| [ramp(i), 200, 255 - ramp(i)]).collect();
     let from_gray = decode_file("image/jpeg", &jpeg(&gray, width, height, ColorType::L8)).unwrap();
-    let from_color =
-        decode_file("image/jpeg", &jpeg(&color, width, height, ColorType::Rgb8)).unwrap();
+    let from_color = decode_file("image/jpeg", &jpeg(&color, width, height, ColorType::Rgb8)).unwrap();
     for i in 0..24 * 16 {
         let (u, v) = (i % 24, i / 24);
         assert!((f64::from(from_gray.at(u, v)) - f64::from(ramp(i)) / 255.0).abs() < 3.0 / 255.0);
-        assert!(
-            (f64::from(from_color.at(u, v)) - luma(ramp(i), 200, 255 - ramp(i))).abs()
-                < 6.0 / 255.0
-        );
+        assert!((f64::from(from_color.at(u, v)) - luma(ramp(i), 200, 255 - ramp(i))).abs() < 6.0 / 255.0);
     }
 }
 
@@ -236,40 +173,19 @@ fn a_media_type_may_have_parameters_and_nothing_else_is_guessed() {
     assert!(decode_file("image/png;camera=left", &file).is_ok());
     for encoding in ["", "zenoh/bytes", "image/gif", "IMAGE"] {
         let refused = decode_file(encoding, &file);
-        assert!(
-            matches!(refused, Err(DecodeError::UnknownEncoding { .. })),
-            "{encoding}: {refused:?}"
-        );
+        assert!(matches!(refused, Err(DecodeError::UnknownEncoding { .. })), "{encoding}: {refused:?}");
     }
-    assert!(matches!(
-        decode_file("image/jpeg", &file),
-        Err(DecodeError::Undecodable { .. })
-    ));
+    assert!(matches!(decode_file("image/jpeg", &file), Err(DecodeError::Undecodable { .. })));
 }
 
 #[test]
 fn depth_is_in_metres_and_keeps_what_is_unknown() {
     let mut decoder = Decoder::new();
-    let base = FrameHeader {
-        depth_offset: 8,
-        ..FrameHeader::new(PixelFormat::Mono8, 2, 2)
-    };
+    let base = FrameHeader { depth_offset: 8, ..FrameHeader::new(PixelFormat::Mono8, 2, 2) };
     let counts: [u16; 4] = [0, 1500, 65535, 1];
-    let payload: Vec<u8> = [0; 8]
-        .into_iter()
-        .chain(counts.iter().flat_map(|count| count.to_le_bytes()))
-        .collect();
-    let header = FrameHeader {
-        depth_format: DepthFormat::U16,
-        depth_unit_m: 0.001,
-        ..base.clone()
-    };
-    let depth = decoder
-        .decode(Some(&header), NO_TYPE, &payload, LIMITS)
-        .unwrap()
-        .depth
-        .unwrap()
-        .clone();
+    let payload: Vec<u8> = [0; 8].into_iter().chain(counts.iter().flat_map(|count| count.to_le_bytes())).collect();
+    let header = FrameHeader { depth_format: DepthFormat::U16, depth_unit_m: 0.001, ..base.clone() };
+    let depth = decoder.decode(Some(&header), NO_TYPE, &payload, LIMITS).unwrap().depth.unwrap().clone();
     for (got, count) in depth.samples().iter().zip(counts) {
         let expected = f64::from(count) * 0.001;
         // 0.001 itself is rounded to f32, and so is the product: 2 roundings, relative.
@@ -277,18 +193,9 @@ fn depth_is_in_metres_and_keeps_what_is_unknown() {
     }
 
     let metres = [f32::NAN, -1.0, 0.75, f32::INFINITY];
-    let payload: Vec<u8> = [0; 8]
-        .into_iter()
-        .chain(metres.iter().flat_map(|metre| metre.to_le_bytes()))
-        .collect();
-    let header = FrameHeader {
-        depth_format: DepthFormat::F32,
-        depth_unit_m: 1.0,
-        ..base
-    };
-    let decoded = decoder
-        .decode(Some(&header), NO_TYPE, &payload, LIMITS)
-        .unwrap();
+    let payload: Vec<u8> = [0; 8].into_iter().chain(metres.iter().flat_map(|metre| metre.to_le_bytes())).collect();
+    let header = FrameHeader { depth_format: DepthFormat::F32, depth_unit_m: 1.0, ..base };
+    let decoded = decoder.decode(Some(&header), NO_TYPE, &payload, LIMITS).unwrap();
     let depth = decoded.depth.unwrap().samples();
     assert!(depth[0].is_nan() && depth[3] == f32::INFINITY);
     assert_eq!(depth[1..3], [-1.0, 0.75]);
@@ -301,11 +208,7 @@ fn a_png_may_be_followed_by_depth_and_the_next_frame_has_none_of_it() {
     let offset = file.len().next_multiple_of(8);
     let mut payload = file.clone();
     payload.resize(offset, 0);
-    payload.extend(
-        [1.0_f32, 2.0, 3.0, 4.0]
-            .iter()
-            .flat_map(|metre| metre.to_le_bytes()),
-    );
+    payload.extend([1.0_f32, 2.0, 3.0, 4.0].iter().flat_map(|metre| metre.to_le_bytes()));
     let header = FrameHeader {
         depth_format: DepthFormat::F32,
         depth_unit_m: 1.0,
@@ -313,17 +216,9 @@ fn a_png_may_be_followed_by_depth_and_the_next_frame_has_none_of_it() {
         ..FrameHeader::new(PixelFormat::ByEncoding, 2, 2)
     };
     let mut decoder = Decoder::new();
-    let decoded = decoder
-        .decode(Some(&header), "image/png", &payload, LIMITS)
-        .unwrap();
+    let decoded = decoder.decode(Some(&header), "image/png", &payload, LIMITS).unwrap();
     assert_eq!(decoded.depth.unwrap().samples(), [1.0, 2.0, 3.0, 4.0]);
-    assert!(
-        decoder
-            .decode(None, "image/png", &file, LIMITS)
-            .unwrap()
-            .depth
-            .is_none()
-    );
+    assert!(decoder.decode(None, "image/png", &file, LIMITS).unwrap().depth.is_none());
 }
 
 #[test]
@@ -336,13 +231,8 @@ fn frames_of_one_size_are_decoded_into_the_same_memory() {
         ..FrameHeader::new(PixelFormat::Mono8, 4, 4)
     };
     let mut planes = || {
-        let decoded = decoder
-            .decode(Some(&header), NO_TYPE, &noise(48), LIMITS)
-            .unwrap();
-        (
-            decoded.image.samples().as_ptr(),
-            decoded.depth.unwrap().samples().as_ptr(),
-        )
+        let decoded = decoder.decode(Some(&header), NO_TYPE, &noise(48), LIMITS).unwrap();
+        (decoded.image.samples().as_ptr(), decoded.depth.unwrap().samples().as_ptr())
     };
     assert_eq!(planes(), planes());
 }
@@ -353,9 +243,7 @@ fn a_changed_size_is_followed() {
     for [width, height] in [[4, 2], [2, 4], [8, 8], [1, 1]] {
         let payload = noise((width * height) as usize);
         let header = FrameHeader::new(PixelFormat::Mono8, width, height);
-        let decoded = decoder
-            .decode(Some(&header), NO_TYPE, &payload, LIMITS)
-            .unwrap();
+        let decoded = decoder.decode(Some(&header), NO_TYPE, &payload, LIMITS).unwrap();
         assert_plane(decoded.image, [width as usize, height as usize], |u, v| {
             f64::from(payload[v * width as usize + u]) / 255.0
         });
@@ -364,16 +252,11 @@ fn a_changed_size_is_followed() {
 
 #[test]
 fn odd_sizes_of_shared_colour_formats_are_refused() {
-    for (format, width, height, bytes) in [
-        (PixelFormat::Yuyv, 3, 2, 12),
-        (PixelFormat::Nv12, 3, 2, 9),
-        (PixelFormat::Nv12, 2, 3, 9),
-    ] {
+    for (format, width, height, bytes) in
+        [(PixelFormat::Yuyv, 3, 2, 12), (PixelFormat::Nv12, 3, 2, 9), (PixelFormat::Nv12, 2, 3, 9)]
+    {
         let refused = decode_raw(&FrameHeader::new(format, width, height), &noise(bytes));
-        assert!(
-            matches!(refused, Err(DecodeError::Frame(FrameError::OddSize { .. }))),
-            "{refused:?}"
-        );
+        assert!(matches!(refused, Err(DecodeError::Frame(FrameError::OddSize { .. }))), "{refused:?}");
     }
 }
 
@@ -381,114 +264,51 @@ fn odd_sizes_of_shared_colour_formats_are_refused() {
 fn a_payload_that_is_too_short_or_too_long_is_refused() {
     for bytes in [0, 11, 13] {
         let refused = decode_raw(&FrameHeader::new(PixelFormat::Mono8, 4, 3), &noise(bytes));
-        assert_eq!(
-            refused,
-            Err(FrameError::PayloadLength {
-                expected: 12,
-                got: bytes as u64
-            }
-            .into())
-        );
+        assert_eq!(refused, Err(FrameError::PayloadLength { expected: 12, got: bytes as u64 }.into()));
     }
 }
 
 #[test]
 fn a_depth_without_unit_is_refused_for_floats_too() {
-    let header = FrameHeader {
-        depth_format: DepthFormat::F32,
-        depth_offset: 1,
-        ..FrameHeader::new(PixelFormat::Mono8, 1, 1)
-    };
-    assert!(matches!(
-        decode_raw(&header, &noise(5)),
-        Err(DecodeError::Frame(FrameError::DepthUnit { .. }))
-    ));
+    let header =
+        FrameHeader { depth_format: DepthFormat::F32, depth_offset: 1, ..FrameHeader::new(PixelFormat::Mono8, 1, 1) };
+    assert!(matches!(decode_raw(&header, &noise(5)), Err(DecodeError::Frame(FrameError::DepthUnit { .. }))));
 }
 
 #[test]
 fn a_png_of_another_size_than_its_header_says_is_refused() {
     let file = png(&noise(6), 3, 2, ColorType::L8);
     let header = FrameHeader::new(PixelFormat::ByEncoding, 2, 3);
-    let refused = Decoder::new()
-        .decode(Some(&header), "image/png", &file, LIMITS)
-        .map(|_| ());
-    assert_eq!(
-        refused,
-        Err(DecodeError::SizeMismatch {
-            expected: [2, 3],
-            got: [3, 2]
-        })
-    );
+    let refused = Decoder::new().decode(Some(&header), "image/png", &file, LIMITS).map(|_| ());
+    assert_eq!(refused, Err(DecodeError::SizeMismatch { expected: [2, 3], got: [3, 2] }));
     let picture = jpeg(&noise(6), 3, 2, ColorType::L8);
-    let refused = Decoder::new()
-        .decode(Some(&header), "image/jpeg", &picture, LIMITS)
-        .map(|_| ());
-    assert_eq!(
-        refused,
-        Err(DecodeError::SizeMismatch {
-            expected: [2, 3],
-            got: [3, 2]
-        })
-    );
+    let refused = Decoder::new().decode(Some(&header), "image/jpeg", &picture, LIMITS).map(|_| ());
+    assert_eq!(refused, Err(DecodeError::SizeMismatch { expected: [2, 3], got: [3, 2] }));
 }
 
 #[test]
 fn limits_hold_before_anything_is_allocated() {
-    let small = DecodeLimits {
-        max_pixels: 15,
-        max_bytes: 20,
-    };
+    let small = DecodeLimits { max_pixels: 15, max_bytes: 20 };
     let header = FrameHeader::new(PixelFormat::Mono8, 4, 4);
     let mut decoder = Decoder::new();
-    let too_many_pixels = decoder
-        .decode(Some(&header), NO_TYPE, &noise(16), small)
-        .map(|_| ());
-    assert_eq!(
-        too_many_pixels,
-        Err(DecodeError::TooManyPixels {
-            limit: 15,
-            width: 4,
-            height: 4
-        })
-    );
-    let too_many_bytes = decoder
-        .decode(Some(&header), NO_TYPE, &noise(21), small)
-        .map(|_| ());
-    assert_eq!(
-        too_many_bytes,
-        Err(DecodeError::TooManyBytes { limit: 20, got: 21 })
-    );
+    let too_many_pixels = decoder.decode(Some(&header), NO_TYPE, &noise(16), small).map(|_| ());
+    assert_eq!(too_many_pixels, Err(DecodeError::TooManyPixels { limit: 15, width: 4, height: 4 }));
+    let too_many_bytes = decoder.decode(Some(&header), NO_TYPE, &noise(21), small).map(|_| ());
+    assert_eq!(too_many_bytes, Err(DecodeError::TooManyBytes { limit: 20, got: 21 }));
     assert!(decoder.image.is_none() && decoder.samples.capacity() == 0);
 }
 
 #[test]
 fn a_decompression_bomb_is_refused_by_its_size_before_memory_is_taken() {
     let bomb = png(&vec![0; 4096 * 4096], 4096, 4096, ColorType::L8);
-    assert!(
-        bomb.len() < 100_000,
-        "a bomb is small: {} bytes",
-        bomb.len()
-    );
+    assert!(bomb.len() < 100_000, "a bomb is small: {} bytes", bomb.len());
     let mut picture = jpeg(&noise(64), 8, 8, ColorType::L8);
-    let frame_header = picture
-        .windows(2)
-        .position(|pair| pair == [0xff, 0xc0])
-        .unwrap();
+    let frame_header = picture.windows(2).position(|pair| pair == [0xff, 0xc0]).unwrap();
     picture[frame_header + 5..frame_header + 9].copy_from_slice(&[0xff, 0xfe, 0xff, 0xfd]);
     let mut decoder = Decoder::new();
-    for (encoding, file, width, height) in [
-        ("image/png", bomb, 4096, 4096),
-        ("image/jpeg", picture, 0xfffd, 0xfffe),
-    ] {
+    for (encoding, file, width, height) in [("image/png", bomb, 4096, 4096), ("image/jpeg", picture, 0xfffd, 0xfffe)] {
         let refused = decoder.decode(None, encoding, &file, LIMITS).map(|_| ());
-        assert_eq!(
-            refused,
-            Err(DecodeError::TooManyPixels {
-                limit: LIMITS.max_pixels,
-                width,
-                height
-            })
-        );
+        assert_eq!(refused, Err(DecodeError::TooManyPixels { limit: LIMITS.max_pixels, width, height }));
         assert!(decoder.image.is_none() && decoder.samples.capacity() == 0);
     }
 }
@@ -496,20 +316,14 @@ fn a_decompression_bomb_is_refused_by_its_size_before_memory_is_taken() {
 #[test]
 fn a_cut_off_image_is_refused_wherever_it_is_cut() {
     let bytes = noise(32 * 32 * 3);
-    let files = [
-        ("image/png", png(&bytes, 32, 32, ColorType::Rgb8)),
-        ("image/jpeg", jpeg(&bytes, 32, 32, ColorType::Rgb8)),
-    ];
+    let files =
+        [("image/png", png(&bytes, 32, 32, ColorType::Rgb8)), ("image/jpeg", jpeg(&bytes, 32, 32, ColorType::Rgb8))];
     for (encoding, file) in files {
         assert!(decode_file(encoding, &file).is_ok());
         // A PNG's pixels end before its last chunk (12 bytes), which may be missing.
         for kept in (0..file.len() - 16).step_by(7) {
             let refused = decode_file(encoding, &file[..kept]);
-            assert!(
-                refused.is_err(),
-                "{encoding} cut to {kept} of {} bytes",
-                file.len()
-            );
+            assert!(refused.is_err(), "{encoding} cut to {kept} of {} bytes", file.len());
         }
     }
 }
@@ -518,24 +332,10 @@ fn a_cut_off_image_is_refused_wherever_it_is_cut() {
 fn an_error_leaves_the_decoder_usable() {
     let mut decoder = Decoder::new();
     let header = FrameHeader::new(PixelFormat::Mono8, 2, 2);
-    assert!(
-        decoder
-            .decode(None, "image/png", &noise(99), LIMITS)
-            .is_err()
-    );
-    assert!(
-        decoder
-            .decode(Some(&header), NO_TYPE, &[255; 4], LIMITS)
-            .is_ok()
-    );
-    assert!(
-        decoder
-            .decode(None, "image/jpeg", &noise(99), LIMITS)
-            .is_err()
-    );
-    let decoded = decoder
-        .decode(Some(&header), NO_TYPE, &[255; 4], LIMITS)
-        .unwrap();
+    assert!(decoder.decode(None, "image/png", &noise(99), LIMITS).is_err());
+    assert!(decoder.decode(Some(&header), NO_TYPE, &[255; 4], LIMITS).is_ok());
+    assert!(decoder.decode(None, "image/jpeg", &noise(99), LIMITS).is_err());
+    let decoded = decoder.decode(Some(&header), NO_TYPE, &[255; 4], LIMITS).unwrap();
     assert_eq!(decoded.image.samples(), [1.0; 4]);
 }
 
@@ -549,14 +349,8 @@ fn inverting_twice_gives_the_image_back() {
 }
 
 fn any_header() -> impl Strategy<Value = FrameHeader> {
-    let sizes = (
-        prop_oneof![0..9_u32, any::<u32>()],
-        prop_oneof![0..9_u32, any::<u32>()],
-    );
-    let places = (
-        prop_oneof![Just(0_u32), 0..40_u32, any::<u32>()],
-        prop_oneof![0..99_u32, any::<u32>()],
-    );
+    let sizes = (prop_oneof![0..9_u32, any::<u32>()], prop_oneof![0..9_u32, any::<u32>()]);
+    let places = (prop_oneof![Just(0_u32), 0..40_u32, any::<u32>()], prop_oneof![0..99_u32, any::<u32>()]);
     (0..10_u8, 0..3_u8, sizes, places, any::<f32>()).prop_map(
         |(pixels, depth, (width, height), (row_bytes, depth_offset), unit)| FrameHeader {
             depth_format: DepthFormat::from_code(depth).unwrap(),
@@ -571,19 +365,10 @@ fn any_header() -> impl Strategy<Value = FrameHeader> {
 /// Whatever came: no panic, and what is accepted is finite, within the limits and of the header's size.
 fn check_anything(header: Option<&FrameHeader>, encoding: &str, payload: &[u8]) {
     if let Ok(decoded) = Decoder::new().decode(header, encoding, payload, LIMITS) {
-        assert!(
-            decoded
-                .image
-                .samples()
-                .iter()
-                .all(|sample| sample.is_finite())
-        );
+        assert!(decoded.image.samples().iter().all(|sample| sample.is_finite()));
         assert!(decoded.image.samples().len() as u64 <= LIMITS.max_pixels);
         if let Some(depth) = decoded.depth {
-            assert_eq!(
-                (depth.width(), depth.height()),
-                (decoded.image.width(), decoded.image.height())
-            );
+            assert_eq!((depth.width(), depth.height()), (decoded.image.width(), decoded.image.height()));
         }
     }
 }

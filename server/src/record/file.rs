@@ -63,44 +63,21 @@ impl<W: Write> RecordFile<W> {
             .library(concat!("domvs ", env!("CARGO_PKG_VERSION")))
             .create(NoSeek::new(BufWriter::new(sink)))?;
         let about = [("worker", worker), ("version", env!("CARGO_PKG_VERSION"))];
-        writer.write_metadata(&metadata(
-            "domvs",
-            about.map(|(name, value)| (name, value.to_owned())),
-        ))?;
-        Ok(RecordFile {
-            writer,
-            channels: HashMap::new(),
-            max_channels: MAX_CHANNELS,
-            message: Vec::new(),
-        })
+        writer.write_metadata(&metadata("domvs", about.map(|(name, value)| (name, value.to_owned()))))?;
+        Ok(RecordFile { writer, channels: HashMap::new(), max_channels: MAX_CHANNELS, message: Vec::new() })
     }
 
     /// Writes one entry (a twist as two messages); an error is final.
     pub(super) fn write(&mut self, entry: &Entry) -> McapResult<WrittenAs> {
         let written = match &entry.body {
-            Body::Frame {
-                header,
-                picture,
-                payload,
+            Body::Frame { header, picture, payload } | Body::Target { header, picture, payload } => {
+                self.write_frame(entry, header, *picture, payload)
             }
-            | Body::Target {
-                header,
-                picture,
-                payload,
-            } => self.write_frame(entry, header, *picture, payload),
             Body::Twist(twist) => self.write_twist(entry, twist),
-            Body::Status(json) => self.write_message(
-                Format::Status,
-                &entry.key,
-                entry.received_ns,
-                json.as_bytes(),
-            ),
-            Body::Settings(json) => self.write_message(
-                Format::Settings,
-                &entry.key,
-                entry.received_ns,
-                json.as_bytes(),
-            ),
+            Body::Status(json) => self.write_message(Format::Status, &entry.key, entry.received_ns, json.as_bytes()),
+            Body::Settings(json) => {
+                self.write_message(Format::Settings, &entry.key, entry.received_ns, json.as_bytes())
+            }
         };
         match written {
             Ok(()) => Ok(WrittenAs::Message),
@@ -126,8 +103,7 @@ impl<W: Write> RecordFile<W> {
             ("dropped_notes", dropped.notes),
         ];
         let counts = counts.map(|(name, count)| (name, count.to_string()));
-        self.writer
-            .write_metadata(&metadata("domvs-counts", counts))?;
+        self.writer.write_metadata(&metadata("domvs-counts", counts))?;
         self.writer.finish()?;
         self.writer.into_inner().into_inner().flush()?;
         Ok(())
@@ -143,15 +119,8 @@ impl<W: Write> RecordFile<W> {
         let mut message = std::mem::take(&mut self.message);
         message.clear();
         message.extend_from_slice(header);
-        payload
-            .slices()
-            .for_each(|slice| message.extend_from_slice(slice));
-        let written = self.write_message(
-            Format::Frame(picture),
-            &entry.key,
-            entry.received_ns,
-            &message,
-        );
+        payload.slices().for_each(|slice| message.extend_from_slice(slice));
+        let written = self.write_message(Format::Frame(picture), &entry.key, entry.received_ns, &message);
         self.message = message;
         written
     }
@@ -163,21 +132,10 @@ impl<W: Write> RecordFile<W> {
             return Ok(());
         };
         let topic = format!("{}_json", entry.key);
-        self.write_message(
-            Format::TwistJson,
-            &topic,
-            entry.received_ns,
-            twist.to_json().as_bytes(),
-        )
+        self.write_message(Format::TwistJson, &topic, entry.received_ns, twist.to_json().as_bytes())
     }
 
-    fn write_message(
-        &mut self,
-        format: Format,
-        topic: &str,
-        time_ns: u64,
-        data: &[u8],
-    ) -> McapResult<()> {
+    fn write_message(&mut self, format: Format, topic: &str, time_ns: u64, data: &[u8]) -> McapResult<()> {
         let channel = self.channel(format, topic)?;
         let header = MessageHeader {
             channel_id: channel.id,
@@ -200,18 +158,12 @@ impl<W: Write> RecordFile<W> {
             let id = declare(&mut self.writer, format, topic)?;
             topics.insert(topic.to_owned(), Channel { id, messages: 0 });
         }
-        Ok(topics
-            .get_mut(topic)
-            .expect("the topic was there, or was put there just now"))
+        Ok(topics.get_mut(topic).expect("the topic was there, or was put there just now"))
     }
 }
 
 /// Writes a schema (if the format has one) and a channel record; returns the channel's id.
-fn declare<W: Write>(
-    writer: &mut Writer<NoSeek<BufWriter<W>>>,
-    format: Format,
-    topic: &str,
-) -> McapResult<u16> {
+fn declare<W: Write>(writer: &mut Writer<NoSeek<BufWriter<W>>>, format: Format, topic: &str) -> McapResult<u16> {
     let mut about = BTreeMap::new();
     let (message_encoding, schema) = match format {
         Format::Frame(picture) => {
@@ -232,12 +184,6 @@ fn declare<W: Write>(
 }
 
 fn metadata<const N: usize>(name: &str, values: [(&str, String); N]) -> Metadata {
-    let metadata = values
-        .into_iter()
-        .map(|(name, value)| (name.to_owned(), value))
-        .collect();
-    Metadata {
-        name: name.to_owned(),
-        metadata,
-    }
+    let metadata = values.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+    Metadata { name: name.to_owned(), metadata }
 }

@@ -29,16 +29,8 @@ pub(super) struct Entry {
 
 #[derive(Debug)]
 pub(super) enum Body {
-    Frame {
-        header: [u8; HEADER_BYTES],
-        picture: Picture,
-        payload: ZBytes,
-    },
-    Target {
-        header: [u8; HEADER_BYTES],
-        picture: Picture,
-        payload: ZBytes,
-    },
+    Frame { header: [u8; HEADER_BYTES], picture: Picture, payload: ZBytes },
+    Target { header: [u8; HEADER_BYTES], picture: Picture, payload: ZBytes },
     Twist([u8; 128]),
     Status(String),
     Settings(String),
@@ -88,9 +80,7 @@ impl Body {
 
     fn bytes(&self) -> usize {
         match self {
-            Body::Frame { payload, .. } | Body::Target { payload, .. } => {
-                HEADER_BYTES + payload.len()
-            }
+            Body::Frame { payload, .. } | Body::Target { payload, .. } => HEADER_BYTES + payload.len(),
             Body::Twist(twist) => twist.len(),
             Body::Status(json) | Body::Settings(json) => json.len(),
         }
@@ -111,11 +101,7 @@ pub(super) struct Limits(pub [Room; 3]);
 impl Limits {
     pub(super) fn for_frames(count: usize) -> Limits {
         let room = |count, bytes| Room { count, bytes };
-        Limits([
-            room(count, FRAME_BYTES),
-            room(TARGETS, FRAME_BYTES),
-            room(NOTES, NOTE_BYTES),
-        ])
+        Limits([room(count, FRAME_BYTES), room(TARGETS, FRAME_BYTES), room(NOTES, NOTE_BYTES)])
     }
 }
 
@@ -180,14 +166,7 @@ struct State {
 impl Queue {
     pub(super) fn new(limits: Limits) -> Queue {
         let state = State {
-            entries: VecDeque::with_capacity(
-                limits
-                    .0
-                    .iter()
-                    .map(|room| room.count)
-                    .sum::<usize>()
-                    .min(NOTES),
-            ),
+            entries: VecDeque::with_capacity(limits.0.iter().map(|room| room.count).sum::<usize>().min(NOTES)),
             limits,
             waiting: [Room::default(); 3],
             counts: RecordCounts::default(),
@@ -195,10 +174,7 @@ impl Queue {
             failure: None,
             finished: false,
         };
-        Queue {
-            state: Mutex::new(state),
-            changed: Condvar::new(),
-        }
+        Queue { state: Mutex::new(state), changed: Condvar::new() }
     }
 
     /// Takes the entry, or drops and counts it: never waits for the writer.
@@ -220,26 +196,16 @@ impl Queue {
 
     /// The next entry; waits at most `limit` for one.
     pub(super) fn next(&self, limit: Duration) -> Next {
-        let nothing_to_do =
-            |state: &mut State| state.entries.is_empty() && state.write_until.is_none();
-        let (mut state, _) = self
-            .changed
-            .wait_timeout_while(self.state(), limit, nothing_to_do)
-            .unwrap_or_else(PoisonError::into_inner);
-        if state
-            .write_until
-            .is_some_and(|until| Instant::now() >= until)
-        {
+        let nothing_to_do = |state: &mut State| state.entries.is_empty() && state.write_until.is_none();
+        let (mut state, _) =
+            self.changed.wait_timeout_while(self.state(), limit, nothing_to_do).unwrap_or_else(PoisonError::into_inner);
+        if state.write_until.is_some_and(|until| Instant::now() >= until) {
             state.drop_all();
         }
         if let Some(entry) = state.take() {
             return Next::Entry(entry);
         }
-        if state.write_until.is_some() {
-            Next::Closed
-        } else {
-            Next::Idle
-        }
+        if state.write_until.is_some() { Next::Closed } else { Next::Idle }
     }
 
     /// Says what became of an entry that the writer took.

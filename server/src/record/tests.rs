@@ -50,23 +50,13 @@ impl Sink {
 
 impl Write for Sink {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let mut state = self
-            .state
-            .1
-            .wait_while(self.state.0.lock().unwrap(), |state| state.shut)
-            .unwrap();
+        let mut state = self.state.1.wait_while(self.state.0.lock().unwrap(), |state| state.shut).unwrap();
         if state.panics {
             drop(state);
             panic!("a sink that panics");
         }
-        if state
-            .capacity
-            .is_some_and(|capacity| state.bytes.len() + bytes.len() > capacity)
-        {
-            return Err(io::Error::new(
-                io::ErrorKind::StorageFull,
-                "the disk is full",
-            ));
+        if state.capacity.is_some_and(|capacity| state.bytes.len() + bytes.len() > capacity) {
+            return Err(io::Error::new(io::ErrorKind::StorageFull, "the disk is full"));
         }
         state.bytes.extend_from_slice(bytes);
         Ok(bytes.len())
@@ -82,21 +72,11 @@ fn recorder(sink: &Sink, queued_frames: usize) -> Recorder {
 }
 
 fn raw_header(secret: Option<Secret>) -> FrameHeader {
-    FrameHeader {
-        sequence: 7,
-        capture_time_ns: 5,
-        secret,
-        ..FrameHeader::new(PixelFormat::Mono8, 4, 2)
-    }
+    FrameHeader { sequence: 7, capture_time_ns: 5, secret, ..FrameHeader::new(PixelFormat::Mono8, 4, 2) }
 }
 
 fn servoing(sequence: u64) -> TwistMessage {
-    TwistMessage {
-        sequence,
-        twist: [0.5, 0.0, 0.0, 0.0, 0.0, -0.25],
-        order: 6,
-        ..TwistMessage::zero(Status::Servoing)
-    }
+    TwistMessage { sequence, twist: [0.5, 0.0, 0.0, 0.0, 0.0, -0.25], order: 6, ..TwistMessage::zero(Status::Servoing) }
 }
 
 /// The data of every message by topic, in the file's order.
@@ -104,10 +84,7 @@ fn by_topic(file: &[u8]) -> BTreeMap<String, Vec<Vec<u8>>> {
     let mut topics: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
     for message in MessageStream::new(file).unwrap() {
         let message = message.unwrap();
-        topics
-            .entry(message.channel.topic.clone())
-            .or_default()
-            .push(message.data.to_vec());
+        topics.entry(message.channel.topic.clone()).or_default().push(message.data.to_vec());
     }
     topics
 }
@@ -115,20 +92,8 @@ fn by_topic(file: &[u8]) -> BTreeMap<String, Vec<Vec<u8>>> {
 fn record_one_of_each(recorder: &Recorder) {
     let header = raw_header(Some(Secret::new([0xab; 16]))).encode();
     recorder.settings(SETTINGS, 1_000, r#"{"method":"hahn"}"#.into());
-    recorder.target(
-        TARGET,
-        2_000,
-        &[0xab; 16],
-        "image/png",
-        vec![1, 2, 3].into(),
-    );
-    recorder.frame(
-        FRAME,
-        3_000,
-        &header,
-        "application/octet-stream",
-        vec![9; 8].into(),
-    );
+    recorder.target(TARGET, 2_000, &[0xab; 16], "image/png", vec![1, 2, 3].into());
+    recorder.frame(FRAME, 3_000, &header, "application/octet-stream", vec![9; 8].into());
     recorder.twist(COMMAND, 4_000, servoing(7).encode());
     recorder.status(STATUS, 5_000, r#"{"status":"servoing"}"#.into());
 }
@@ -145,35 +110,18 @@ fn what_was_recorded_is_read_back_from_the_file() {
     keep_for_the_python_reader(&path);
     std::fs::remove_dir_all(&dir).unwrap();
 
-    assert_eq!(
-        counts.written,
-        LaneCounts {
-            frames: 1,
-            targets: 1,
-            notes: 3
-        }
-    );
-    assert_eq!(
-        (counts.dropped, counts.failed),
-        (LaneCounts::default(), false)
-    );
-    assert!(
-        matches!(again, Err(RecordError::Create { .. })),
-        "a recording must not be overwritten"
-    );
+    assert_eq!(counts.written, LaneCounts { frames: 1, targets: 1, notes: 3 });
+    assert_eq!((counts.dropped, counts.failed), (LaneCounts::default(), false));
+    assert!(matches!(again, Err(RecordError::Create { .. })), "a recording must not be overwritten");
     let topics = by_topic(&file);
     assert_eq!(topics.len(), 6);
-    assert_eq!(
-        topics[FRAME],
-        [[raw_header(None).encode(), vec![9; 8]].concat()]
-    );
+    assert_eq!(topics[FRAME], [[raw_header(None).encode(), vec![9; 8]].concat()]);
     let bare = FrameHeader::new(PixelFormat::ByEncoding, 0, 0).encode();
     assert_eq!(topics[TARGET], [[bare, vec![1, 2, 3]].concat()]);
     assert_eq!(topics[COMMAND], [servoing(7).encode().to_vec()]);
     assert_eq!(topics[STATUS], [br#"{"status":"servoing"}"#.to_vec()]);
     assert_eq!(topics[SETTINGS], [br#"{"method":"hahn"}"#.to_vec()]);
-    let json: serde_json::Value =
-        serde_json::from_slice(&topics["domvs/task/alice/arm/command_json"][0]).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&topics["domvs/task/alice/arm/command_json"][0]).unwrap();
     assert_eq!(json["twist"][5], -0.25);
     assert!(json["pixel_mse"].is_null());
 }
@@ -197,43 +145,22 @@ fn channels_times_and_metadata_say_what_the_messages_are() {
     for message in MessageStream::new(&file).unwrap() {
         let message = message.unwrap();
         assert_eq!(message.log_time, message.publish_time);
-        let schema = message
-            .channel
-            .schema
-            .as_ref()
-            .map_or("", |schema| &schema.name)
-            .to_owned();
+        let schema = message.channel.schema.as_ref().map_or("", |schema| &schema.name).to_owned();
         encodings.insert(
             message.channel.topic.clone(),
-            (
-                message.channel.message_encoding.clone(),
-                schema,
-                message.log_time,
-            ),
+            (message.channel.message_encoding.clone(), schema, message.log_time),
         );
     }
-    let said =
-        |encoding: &str, schema: &str, time: u64| (encoding.to_owned(), schema.to_owned(), time);
+    let said = |encoding: &str, schema: &str, time: u64| (encoding.to_owned(), schema.to_owned(), time);
     assert_eq!(encodings[SETTINGS], said("json", "domvs.Settings", 1_000));
     assert_eq!(encodings[TARGET], said("domvs-frame-v1", "", 2_000));
     assert_eq!(encodings[COMMAND], said("domvs-twist-v1", "", 4_000));
-    assert_eq!(
-        encodings["domvs/task/alice/arm/command_json"],
-        said("json", "domvs.Twist", 4_000)
-    );
+    assert_eq!(encodings["domvs/task/alice/arm/command_json"], said("json", "domvs.Twist", 4_000));
     let summary = Summary::read(&file).unwrap().unwrap();
-    let png = summary
-        .channels
-        .values()
-        .find(|channel| channel.topic == TARGET)
-        .unwrap();
+    let png = summary.channels.values().find(|channel| channel.topic == TARGET).unwrap();
     assert_eq!(png.metadata["encoding"], "image/png");
     let records = |name: &str| {
-        let index = summary
-            .metadata_indexes
-            .iter()
-            .find(|index| index.name == name)
-            .unwrap();
+        let index = summary.metadata_indexes.iter().find(|index| index.name == name).unwrap();
         mcap::read::metadata(&file, index).unwrap().metadata
     };
     assert_eq!(records("domvs")["worker"], "w1");
@@ -249,22 +176,14 @@ fn a_secret_is_nowhere_in_the_file() {
     let secret = [0x5a; 16];
     let mut unreadable = raw_header(Some(Secret::new(secret))).encode();
     unreadable[0] = 2;
-    for header in [
-        &raw_header(Some(Secret::new(secret))).encode()[..],
-        &secret[..],
-        &unreadable[..],
-    ] {
+    for header in [&raw_header(Some(Secret::new(secret))).encode()[..], &secret[..], &unreadable[..]] {
         recorder.frame(FRAME, 1, header, "image/png", vec![1, 2, 3].into());
     }
     recorder.close(LONG).unwrap();
     let file = sink.bytes();
     assert!(!file.windows(16).any(|bytes| bytes == secret));
     let frames = &by_topic(&file)[FRAME];
-    assert_eq!(
-        frames[2],
-        [&[0; 48][..], &[1, 2, 3]].concat(),
-        "an unreadable header is recorded as zeros"
-    );
+    assert_eq!(frames[2], [&[0; 48][..], &[1, 2, 3]].concat(), "an unreadable header is recorded as zeros");
 }
 
 #[test]
@@ -275,13 +194,7 @@ fn a_slow_disk_loses_frames_and_no_twist_and_holds_nobody_up() {
     // Each frame fills a chunk, so the writer stands before the shut sink at the second one at the latest:
     // it has taken at most two and four wait. These calls would hang here if one of them waited for the disk.
     for i in 0..100 {
-        recorder.frame(
-            FRAME,
-            i,
-            &raw_header(None).encode(),
-            "",
-            vec![0; 2 << 20].into(),
-        );
+        recorder.frame(FRAME, i, &raw_header(None).encode(), "", vec![0; 2 << 20].into());
         recorder.twist(COMMAND, i, servoing(i).encode());
     }
     let stuck = recorder.counts();
@@ -293,10 +206,7 @@ fn a_slow_disk_loses_frames_and_no_twist_and_holds_nobody_up() {
     assert_eq!(counts.written.notes, 100);
     let topics = by_topic(&sink.bytes());
     assert_eq!(topics[FRAME].len() as u64, counts.written.frames);
-    let twists: Vec<_> = topics[COMMAND]
-        .iter()
-        .map(|twist| TwistMessage::decode(twist).unwrap().sequence)
-        .collect();
+    let twists: Vec<_> = topics[COMMAND].iter().map(|twist| TwistMessage::decode(twist).unwrap().sequence).collect();
     assert_eq!(twists, (0..100).collect::<Vec<_>>());
 }
 
@@ -310,14 +220,7 @@ fn a_lane_is_bounded_by_bytes_too() {
     recorder.frame(FRAME, 0, &[], "image/png", vec![0; 1001 - 48].into());
     recorder.frame(FRAME, 0, &[], "image/png", vec![0; 1000 - 48].into());
     recorder.status(STATUS, 0, "0".repeat(1001));
-    assert_eq!(
-        recorder.counts().dropped,
-        LaneCounts {
-            frames: 1,
-            targets: 0,
-            notes: 1
-        }
-    );
+    assert_eq!(recorder.counts().dropped, LaneCounts { frames: 1, targets: 0, notes: 1 });
     sink.change(|state| state.shut = false);
     assert_eq!(recorder.close(LONG).unwrap().written.frames, 1);
 }
@@ -328,13 +231,7 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
     sink.change(|state| state.capacity = Some(3 << 20));
     let recorder = recorder(&sink, 100);
     for i in 0..10 {
-        recorder.frame(
-            FRAME,
-            i,
-            &raw_header(None).encode(),
-            "",
-            vec![0; 1 << 20].into(),
-        );
+        recorder.frame(FRAME, i, &raw_header(None).encode(), "", vec![0; 1 << 20].into());
     }
     let closed = recorder.close(LONG);
     assert!(
@@ -346,10 +243,7 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
     assert!(counts.failed);
     assert_eq!(counts.written.frames + counts.dropped.frames, 10);
     assert_eq!(counts.dropped.notes, 1);
-    assert!(
-        !by_topic_until_torn(&sink.bytes()).is_empty(),
-        "what was written before can be read"
-    );
+    assert!(!by_topic_until_torn(&sink.bytes()).is_empty(), "what was written before can be read");
 }
 
 #[test]
@@ -358,10 +252,7 @@ fn a_panic_while_writing_is_reported_and_not_waited_for() {
     sink.change(|state| state.panics = true);
     let recorder = recorder(&sink, 8);
     recorder.frame(FRAME, 0, &[], "image/png", vec![0; 2 << 20].into());
-    assert!(matches!(
-        recorder.close(LONG),
-        Err(RecordError::Failed { .. })
-    ));
+    assert!(matches!(recorder.close(LONG), Err(RecordError::Failed { .. })));
     recorder.status(STATUS, 0, "{}".into());
     assert_eq!(recorder.counts().dropped.notes, 1);
 }
@@ -372,10 +263,7 @@ fn closing_on_a_hanging_disk_gives_up_in_time() {
     let recorder = recorder(&sink, 8);
     sink.change(|state| state.shut = true);
     recorder.frame(FRAME, 0, &[], "image/png", vec![0; 2 << 20].into());
-    assert!(matches!(
-        recorder.close(Duration::from_millis(20)),
-        Err(RecordError::CloseTimeout { .. })
-    ));
+    assert!(matches!(recorder.close(Duration::from_millis(20)), Err(RecordError::CloseTimeout { .. })));
     sink.change(|state| state.shut = false);
     // The disk came back: the file still gets its end.
     assert!(recorder.close(LONG).is_ok());
@@ -397,10 +285,7 @@ fn the_last_handle_finishes_the_file() {
 fn by_topic_until_torn(file: &[u8]) -> Vec<u64> {
     let options = mcap::read::Options::IgnoreEndMagic.into();
     let stream = MessageStream::new_with_options(file, options).unwrap();
-    stream
-        .map_while(Result::ok)
-        .map(|message| message.log_time)
-        .collect()
+    stream.map_while(Result::ok).map(|message| message.log_time).collect()
 }
 
 #[test]
@@ -409,45 +294,24 @@ fn a_killed_process_leaves_all_whole_chunks_readable() {
     let mut file = RecordFile::begin(&mut bytes, "w1").unwrap();
     for i in 0..5 {
         let header = [0; HEADER_BYTES];
-        let body = Body::Frame {
-            header,
-            picture: Picture::Raw,
-            payload: vec![0; 2 << 20].into(),
-        };
-        file.write(&Entry {
-            key: FRAME.into(),
-            received_ns: i,
-            body,
-        })
-        .unwrap();
+        let body = Body::Frame { header, picture: Picture::Raw, payload: vec![0; 2 << 20].into() };
+        file.write(&Entry { key: FRAME.into(), received_ns: i, body }).unwrap();
     }
     file.flush().unwrap();
     // The end of the file is never written, as after kill -9.
     std::mem::forget(file);
     assert_eq!(by_topic_until_torn(&bytes), [0, 1, 2, 3, 4]);
     let torn = &bytes[..bytes.len() - 1000];
-    assert_eq!(
-        by_topic_until_torn(torn),
-        [0, 1, 2, 3],
-        "only the torn chunk is lost"
-    );
+    assert_eq!(by_topic_until_torn(torn), [0, 1, 2, 3], "only the torn chunk is lost");
 }
 
 #[test]
 fn a_file_without_room_for_channels_drops_what_needs_one_and_goes_on() {
     let mut file = RecordFile::begin(io::sink(), "w1").unwrap();
     file.max_channels = 3;
-    let status = |i: u32| Entry {
-        key: format!("k/{i}"),
-        received_ns: 0,
-        body: Body::Status("{}".into()),
-    };
+    let status = |i: u32| Entry { key: format!("k/{i}"), received_ns: 0, body: Body::Status("{}".into()) };
     for i in 0..3 {
-        assert_eq!(
-            file.write(&status(i)).unwrap(),
-            WrittenAs::Message,
-            "channel {i}"
-        );
+        assert_eq!(file.write(&status(i)).unwrap(), WrittenAs::Message, "channel {i}");
     }
     assert_eq!(file.write(&status(3)).unwrap(), WrittenAs::Nothing);
     assert_eq!(file.write(&status(0)).unwrap(), WrittenAs::Message);
@@ -456,10 +320,7 @@ fn a_file_without_room_for_channels_drops_what_needs_one_and_goes_on() {
 #[test]
 fn a_name_that_leaves_the_directory_is_refused() {
     for name in ["", ".hidden", "../up", "a/b", "a\0b", &"x".repeat(129)] {
-        assert!(
-            matches!(check_name(name), Err(RecordError::BadName { .. })),
-            "{name:?}"
-        );
+        assert!(matches!(check_name(name), Err(RecordError::BadName { .. })), "{name:?}");
     }
     assert!(check_name("w1-2026-11-22T10.00.00").is_ok());
 }
@@ -468,14 +329,7 @@ fn a_name_that_leaves_the_directory_is_refused() {
 fn the_twist_schema_names_every_field_of_the_json() {
     let schema: serde_json::Value = serde_json::from_str(schemas::TWIST_SCHEMA).unwrap();
     let twist: serde_json::Value = serde_json::from_str(&servoing(1).to_json()).unwrap();
-    let names = |value: &serde_json::Value| {
-        value
-            .as_object()
-            .unwrap()
-            .keys()
-            .cloned()
-            .collect::<Vec<_>>()
-    };
+    let names = |value: &serde_json::Value| value.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
     assert_eq!(names(&schema["properties"]), names(&twist));
     for schema in [schemas::STATUS_SCHEMA, schemas::SETTINGS_SCHEMA] {
         serde_json::from_str::<serde_json::Value>(schema).unwrap();
@@ -493,11 +347,5 @@ fn a_header_is_kept_but_for_its_secret() {
         ..raw_header(Some(Secret::new([1; 16])))
     };
     let kept = FrameHeader::decode(&clean_header(&header.encode())).unwrap();
-    assert_eq!(
-        kept,
-        FrameHeader {
-            secret: None,
-            ..header
-        }
-    );
+    assert_eq!(kept, FrameHeader { secret: None, ..header });
 }
