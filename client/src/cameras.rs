@@ -30,8 +30,7 @@ impl Client {
     /// [`ClientError::NoAnswer`] when nobody tells within `limit`: a real camera does not know.
     pub async fn camera_desired(&self, camera: &Name, limit: Duration) -> Result<OutgoingFrame, ClientError> {
         let key = self.keys().camera_desired(camera);
-        let replies =
-            self.session().get(&key).timeout(limit).await.map_err(ClientError::session("asking", &key))?;
+        let replies = self.session().get(&key).timeout(limit).await.map_err(ClientError::session("asking", &key))?;
         let reply = replies.recv_async().await.ok().and_then(|reply| reply.into_result().ok());
         let sample = reply.ok_or_else(|| nobody(&key, limit))?;
         ReceivedFrame::from_sample(&key, &sample)?.into_outgoing()
