@@ -72,9 +72,7 @@ pub enum DecodeError {
         height: u32,
     },
     /// Neither a header nor the Encoding says what the payload is.
-    #[error(
-        "a frame without pixel format must be image/png or image/jpeg, got encoding {encoding:?}"
-    )]
+    #[error("a frame without pixel format must be image/png or image/jpeg, got encoding {encoding:?}")]
     UnknownEncoding {
         /// The Encoding that came, its first 64 characters.
         encoding: String,
@@ -132,10 +130,7 @@ impl Decoder {
         limits: DecodeLimits,
     ) -> Result<Decoded<'_>, DecodeError> {
         if payload.len() > limits.max_bytes {
-            return Err(DecodeError::TooManyBytes {
-                limit: limits.max_bytes,
-                got: payload.len(),
-            });
+            return Err(DecodeError::TooManyBytes { limit: limits.max_bytes, got: payload.len() });
         }
         let bare = FrameHeader::new(PixelFormat::ByEncoding, 0, 0);
         let header = header.unwrap_or(&bare);
@@ -159,22 +154,14 @@ impl Decoder {
         };
         let replaced_pixels = replace_not_finite(image)?;
         let depth = read_depth(header, &layout, payload, &mut self.depth);
-        Ok(Decoded {
-            image,
-            depth,
-            replaced_pixels,
-        })
+        Ok(Decoded { image, depth, replaced_pixels })
     }
 }
 
 /// The size is in the header: 0 (not said) for a PNG or JPEG, which is checked again once it is known.
 fn check_pixels(width: u32, height: u32, limits: DecodeLimits) -> Result<(), DecodeError> {
     if u64::from(width) * u64::from(height) > limits.max_pixels {
-        return Err(DecodeError::TooManyPixels {
-            limit: limits.max_pixels,
-            width,
-            height,
-        });
+        return Err(DecodeError::TooManyPixels { limit: limits.max_pixels, width, height });
     }
     Ok(())
 }
@@ -182,10 +169,7 @@ fn check_pixels(width: u32, height: u32, limits: DecodeLimits) -> Result<(), Dec
 /// The plane of this size: the one that is there, or a new one.
 fn plane_of(plane: &mut Option<Plane<f32>>, width: u32, height: u32) -> &mut Plane<f32> {
     let (width, height) = (width as usize, height as usize);
-    if !plane
-        .as_ref()
-        .is_some_and(|plane| plane.width() == width && plane.height() == height)
-    {
+    if !plane.as_ref().is_some_and(|plane| plane.width() == width && plane.height() == height) {
         *plane = None;
     }
     plane.get_or_insert_with(|| Plane::filled(width, height, 0.0))
@@ -200,10 +184,7 @@ fn replace_not_finite(image: &mut Plane<f32>) -> Result<usize, DecodeError> {
         return Err(DecodeError::NotFinite { pixels, finite });
     }
     if replaced > 0 {
-        samples
-            .iter_mut()
-            .filter(|sample| !sample.is_finite())
-            .for_each(|sample| *sample = 0.0);
+        samples.iter_mut().filter(|sample| !sample.is_finite()).for_each(|sample| *sample = 0.0);
     }
     Ok(replaced)
 }
@@ -221,12 +202,8 @@ fn read_depth<'a>(
     let tight = header.width as usize * header.depth_format.bytes_per_pixel() as usize;
     match header.depth_format {
         DepthFormat::None => return None,
-        DepthFormat::U16 => gray::fill(plane, bytes, tight, |count| {
-            f32::from(u16::from_le_bytes(*count)) * unit_m
-        }),
-        DepthFormat::F32 => gray::fill(plane, bytes, tight, |count| {
-            f32::from_le_bytes(*count) * unit_m
-        }),
+        DepthFormat::U16 => gray::fill(plane, bytes, tight, |count| f32::from(u16::from_le_bytes(*count)) * unit_m),
+        DepthFormat::F32 => gray::fill(plane, bytes, tight, |count| f32::from_le_bytes(*count) * unit_m),
     }
     Some(plane)
 }
@@ -241,9 +218,7 @@ impl Codec {
         match media_type(encoding) {
             frame::PNG => Ok(Codec::Png),
             frame::JPEG => Ok(Codec::Jpeg),
-            _ => Err(DecodeError::UnknownEncoding {
-                encoding: encoding.chars().take(64).collect(),
-            }),
+            _ => Err(DecodeError::UnknownEncoding { encoding: encoding.chars().take(64).collect() }),
         }
     }
 }

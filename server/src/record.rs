@@ -84,9 +84,7 @@ impl Drop for Handle {
 #[non_exhaustive]
 pub enum RecordError {
     /// The file's name would not be a plain file name.
-    #[error(
-        "a recording's name must be 1 to 128 of A-Z a-z 0-9 . _ - and not begin with a dot, got {file_stem:?}"
-    )]
+    #[error("a recording's name must be 1 to 128 of A-Z a-z 0-9 . _ - and not begin with a dot, got {file_stem:?}")]
     BadName {
         /// The name that was refused.
         file_stem: String,
@@ -123,12 +121,7 @@ impl Recorder {
     /// Opens `dir/<file_stem>.mcap` (the directory is made, a file that exists is an error) and starts the writer thread.
     ///
     /// `worker` goes into the file's metadata; `queued_frames` bounds how many frames wait (64 MiB bound them too).
-    pub fn start(
-        dir: &Path,
-        file_stem: &str,
-        worker: &str,
-        queued_frames: usize,
-    ) -> Result<Recorder, RecordError> {
+    pub fn start(dir: &Path, file_stem: &str, worker: &str, queued_frames: usize) -> Result<Recorder, RecordError> {
         check_name(file_stem)?;
         let path = dir.join(format!("{file_stem}.mcap"));
         let file = std::fs::create_dir_all(dir)
@@ -138,11 +131,7 @@ impl Recorder {
     }
 
     /// The same into any sink: what the tests call.
-    fn to_sink<W: Write + Send + 'static>(
-        sink: W,
-        worker: &str,
-        limits: Limits,
-    ) -> Result<Recorder, RecordError> {
+    fn to_sink<W: Write + Send + 'static>(sink: W, worker: &str, limits: Limits) -> Result<Recorder, RecordError> {
         let file = RecordFile::begin(sink, worker)?;
         let queue = Arc::new(Queue::new(limits));
         let writers_end = Arc::clone(&queue);
@@ -150,79 +139,35 @@ impl Recorder {
             .name("domvs-record".into())
             .spawn(move || write_until_closed(&writers_end, file))
             .map_err(RecordError::Thread)?;
-        Ok(Recorder {
-            handle: Arc::new(Handle { queue }),
-        })
+        Ok(Recorder { handle: Arc::new(Handle { queue }) })
     }
 
     /// Records a frame that came for a task: `header` is the attachment as it came (empty: none), `encoding` the
     /// payload's media type, `received_ns` nanoseconds of the Unix epoch.
-    pub fn frame(
-        &self,
-        key: &str,
-        received_ns: u64,
-        header: &[u8],
-        encoding: &str,
-        payload: RecordedBytes,
-    ) {
-        let body = Body::Frame {
-            header: clean_header(header),
-            picture: Picture::named(encoding),
-            payload,
-        };
-        self.handle.queue.push(Entry {
-            key: key.into(),
-            received_ns,
-            body,
-        });
+    pub fn frame(&self, key: &str, received_ns: u64, header: &[u8], encoding: &str, payload: RecordedBytes) {
+        let body = Body::Frame { header: clean_header(header), picture: Picture::named(encoding), payload };
+        self.handle.queue.push(Entry { key: key.into(), received_ns, body });
     }
 
     /// Records a target; like [`Recorder::frame`], in a lane of its own, because a replay is worth nothing without it.
-    pub fn target(
-        &self,
-        key: &str,
-        received_ns: u64,
-        header: &[u8],
-        encoding: &str,
-        payload: RecordedBytes,
-    ) {
-        let body = Body::Target {
-            header: clean_header(header),
-            picture: Picture::named(encoding),
-            payload,
-        };
-        self.handle.queue.push(Entry {
-            key: key.into(),
-            received_ns,
-            body,
-        });
+    pub fn target(&self, key: &str, received_ns: u64, header: &[u8], encoding: &str, payload: RecordedBytes) {
+        let body = Body::Target { header: clean_header(header), picture: Picture::named(encoding), payload };
+        self.handle.queue.push(Entry { key: key.into(), received_ns, body });
     }
 
     /// Records a twist as it was sent (`…/command`) or answered (`…/twist`), and the same as JSON on `<key>_json`.
     pub fn twist(&self, key: &str, made_ns: u64, twist: [u8; 128]) {
-        self.handle.queue.push(Entry {
-            key: key.into(),
-            received_ns: made_ns,
-            body: Body::Twist(twist),
-        });
+        self.handle.queue.push(Entry { key: key.into(), received_ns: made_ns, body: Body::Twist(twist) });
     }
 
     /// Records a status message as published: one JSON object.
     pub fn status(&self, key: &str, made_ns: u64, json: String) {
-        self.handle.queue.push(Entry {
-            key: key.into(),
-            received_ns: made_ns,
-            body: Body::Status(json),
-        });
+        self.handle.queue.push(Entry { key: key.into(), received_ns: made_ns, body: Body::Status(json) });
     }
 
     /// Records the settings in force: one JSON object, whole (not a patch, which could not be replayed alone).
     pub fn settings(&self, key: &str, received_ns: u64, json: String) {
-        self.handle.queue.push(Entry {
-            key: key.into(),
-            received_ns,
-            body: Body::Settings(json),
-        });
+        self.handle.queue.push(Entry { key: key.into(), received_ns, body: Body::Settings(json) });
     }
 
     /// What was written and what was dropped so far, and whether a failed write has ended the recording.
@@ -254,22 +199,14 @@ fn check_name(file_stem: &str) -> Result<(), RecordError> {
     if length_fits && !file_stem.starts_with('.') && file_stem.bytes().all(plain) {
         return Ok(());
     }
-    Err(RecordError::BadName {
-        file_stem: file_stem.into(),
-    })
+    Err(RecordError::BadName { file_stem: file_stem.into() })
 }
 
 /// The 48 bytes that are recorded for a header: without a secret, and zeros for what cannot be read.
 fn clean_header(attachment: &[u8]) -> [u8; HEADER_BYTES] {
     let mut clean = [0; HEADER_BYTES];
     if let Ok(header) = FrameHeader::from_attachment(Some(attachment)) {
-        clean.copy_from_slice(
-            &FrameHeader {
-                secret: None,
-                ..header
-            }
-            .encode(),
-        );
+        clean.copy_from_slice(&FrameHeader { secret: None, ..header }.encode());
     }
     clean
 }
@@ -293,9 +230,7 @@ fn write_entries<W: Write>(queue: &Queue, mut file: RecordFile<W>) -> Result<(),
         match queue.next(FLUSH_EVERY) {
             Next::Entry(entry) => {
                 let lane = entry.body.lane();
-                let written = file
-                    .write(&entry)
-                    .inspect_err(|_| queue.count(lane, WrittenAs::Nothing))?;
+                let written = file.write(&entry).inspect_err(|_| queue.count(lane, WrittenAs::Nothing))?;
                 queue.count(lane, written);
             }
             Next::Idle => {}
