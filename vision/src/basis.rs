@@ -9,39 +9,13 @@
 //! The recurrence `t q_n = β_n q_{n-1} + α_n q_n + β_{n+1} q_{n+1}` is kept: it turns moments of `p_n` into moments of `x p_n`.
 //! The cosine rows (DCT-II) are closed form and have no such recurrence.
 
-use crate::window::Lattice;
-
-/// Largest Hahn parameter a basis is made for; the adaptive rule stays below it at every size here.
-pub const HAHN_LIMIT: f64 = 1e9;
+use crate::polynomial::Polynomial;
 
 /// Shortest and longest axis a basis is made for, in pixels.
 pub const LENGTHS: std::ops::RangeInclusive<usize> = 8..=4096;
 
 /// Above this the rows are not orthonormal enough to be used.
 const LARGEST_DEFECT: f64 = 1e-9;
-
-/// Which rows, with their parameters.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Polynomial {
-    /// Hahn, `a, b >= 0`, real; a larger `b` moves the window right, a larger `a + b` narrows it.
-    Hahn {
-        /// Weighs the right end down.
-        a: f64,
-        /// Weighs the left end down.
-        b: f64,
-    },
-    /// Krawtchouk, `0 < p < 1`: a window of width `√(N p (1-p))` about `p N`.
-    Krawtchouk {
-        /// Where.
-        p: f64,
-        /// On which points.
-        lattice: Lattice,
-    },
-    /// Tchebichef: no window (Hahn with `a = b = 0`).
-    Tchebichef,
-    /// Orthonormal cosines (DCT-II): no window, not polynomials in `u`.
-    Cosine,
-}
 
 /// Why there is no such basis.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -235,29 +209,6 @@ impl Basis {
     }
 }
 
-impl Polynomial {
-    fn is_in_range(&self) -> bool {
-        match *self {
-            Polynomial::Hahn { a, b } => (0.0..=HAHN_LIMIT).contains(&a) && (0.0..=HAHN_LIMIT).contains(&b),
-            Polynomial::Krawtchouk { p, .. } => p > 0.0 && p < 1.0,
-            Polynomial::Tchebichef | Polynomial::Cosine => true,
-        }
-    }
-
-    fn has_extra_point(&self) -> bool {
-        matches!(self, Polynomial::Krawtchouk { lattice: Lattice::Paper, .. })
-    }
-
-    /// `w(u)/w(u-1)` on `u = 0 … points - 1`, Table I; `points` is the number of lattice points.
-    fn weight_ratio(&self, u: f64, points: f64) -> f64 {
-        match *self {
-            Polynomial::Hahn { a, b } => (b + u) / u * (points - u) / (points + a - u),
-            Polynomial::Krawtchouk { p, .. } => p / (1.0 - p) * (points - u) / u,
-            Polynomial::Tchebichef | Polynomial::Cosine => 1.0,
-        }
-    }
-}
-
 /// `q_0 = √w`, normalized: the weight falls on both sides of its mode, so start there with 1 and multiply outwards.
 fn fill_root_weight(polynomial: Polynomial, q: &mut [f64]) {
     let points = q.len();
@@ -304,6 +255,7 @@ fn sum(terms: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::window::Lattice;
 
     #[test]
     fn hahn_without_a_window_is_tchebichef() {

@@ -88,7 +88,7 @@ pub enum LawError {
         step_cap: StepCap,
     },
     /// A Hahn parameter is negative, too large or not a number.
-    #[error("hahn window parameters must be in 0..={}, got x {x:?} and y {y:?}", crate::basis::HAHN_LIMIT)]
+    #[error("hahn window parameters must be in 0..={}, got x {x:?} and y {y:?}", crate::polynomial::HAHN_LIMIT)]
     Window {
         /// `[a, b]` along `u`.
         x: [f64; 2],
@@ -162,7 +162,7 @@ impl Law {
             return Err(LawError::StepCap { step_cap });
         }
         if let Window::Fixed { x, y } = self.window
-            && !x.iter().chain(&y).all(|c| (0.0..=crate::basis::HAHN_LIMIT).contains(c))
+            && !x.iter().chain(&y).all(|c| (0.0..=crate::polynomial::HAHN_LIMIT).contains(c))
         {
             return Err(LawError::Window { x, y });
         }

@@ -1,7 +1,7 @@
 //! Everything is a projection: rows of planes times the basis rows of the `u` axis.
 //!
 //! The double sum `Σ_u Σ_v p_n(u) q_m(v) J(u, v)` is done in two stages, image row by image row: here `h_n = Σ_u p_n(u) J(u, v)`,
-//! then `h_n q_m(v)` is added up ([`crate::moments`]). The interaction matrix also needs moments of `x p_n` and `x² p_n`; for the
+//! then `h_n q_m(v)` is added up ([`crate::sweep`]). The interaction matrix also needs moments of `x p_n` and `x² p_n`; for the
 //! polynomials both lie in the span of `p_0 … p_{l+2}`, by the recurrence, so two more rows carry them ("carriers"). Cosines have no
 //! recurrence: their carriers are `p_n`, `x p_n` and `x² p_n` themselves.
 //!
@@ -9,8 +9,9 @@
 
 use std::ops::Range;
 
-use crate::basis::{Basis, Polynomial};
+use crate::basis::Basis;
 use crate::camera::Intrinsics;
+use crate::polynomial::Polynomial;
 use crate::sample::Sample;
 
 /// Samples that are worked on side by side; rows are padded with zeros to whole chunks.
@@ -47,15 +48,16 @@ impl<T: Sample> Carriers<T> {
         order + 3
     }
 
-    /// Room for the carriers of a basis on `length` pixels.
-    pub(crate) fn new(length: usize, highest_order: usize, is_cosine: bool) -> Carriers<T> {
+    /// Room for the carriers of bases like this one.
+    pub(crate) fn new(basis: &Basis, highest_order: usize) -> Carriers<T> {
+        let is_cosine = basis.polynomial() == Polynomial::Cosine;
         let rows = if is_cosine { 3 * (highest_order + 1) } else { highest_order + 3 };
         let times_x = if is_cosine {
             TimesX::OwnRows
         } else {
             TimesX::Recurrence { below: vec![0.0; rows], here: vec![0.0; rows - 1] }
         };
-        Carriers { rows: (0..rows).map(|_| padded_row(length)).collect(), times_x, highest_order }
+        Carriers { rows: (0..rows).map(|_| padded_row(basis.length())).collect(), times_x, highest_order }
     }
 
     /// Fills the carriers from another basis of the same kind, in place.

@@ -2,14 +2,15 @@
 //!
 //! No clock, no thread, no randomness: the same law, desired view and images give the same twists, bit for bit, on one machine type.
 
-use crate::basis::{BasisError, LENGTHS, Polynomial};
+use crate::basis::{BasisError, LENGTHS};
 use crate::camera::Intrinsics;
 use crate::control::{NormalEquations, cap_step};
 use crate::depth::Depth;
 use crate::image::Plane;
-use crate::law::{Law, LawError, Method};
+use crate::law::{Gain, Law, LawError, Method};
 use crate::moments::{FeatureRow, Moments, Work};
 use crate::order::feature_count;
+use crate::polynomial::Polynomial;
 use crate::sample::Sample;
 use crate::twist::Twist;
 use crate::window::{Brightness, KrawtchoukP, NoBrightness, Rule, Window, WindowInUse, hahn_window, krawtchouk_p};
@@ -206,7 +207,18 @@ impl<T: Sample> Servo<T> {
         self.initial_mse = None;
     }
 
-    /// The law as it was given.
+    /// Takes another gain from the next step on; everything else stays.
+    ///
+    /// # Errors
+    /// A gain that makes no law; the servo then keeps the one it had.
+    pub fn set_gain(&mut self, gain: Gain) -> Result<(), LawError> {
+        let law = Law { gain, ..self.law };
+        law.check()?;
+        self.law = law;
+        Ok(())
+    }
+
+    /// The law as it was given, with the gain set last.
     pub fn law(&self) -> &Law {
         &self.law
     }

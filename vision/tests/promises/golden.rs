@@ -1,6 +1,7 @@
 //! Values made at 60 to 200 digits by `tests/data/make_golden.py`, from the definitions: polynomials, windows, orders, whole steps.
 
-use domvs_vision::basis::{Basis, Polynomial};
+use domvs_vision::basis::Basis;
+use domvs_vision::polynomial::Polynomial;
 use domvs_vision::window::{Brightness, Rule, hahn_window, hahn_window_unrounded, krawtchouk_p};
 use domvs_vision::{
     Depth, DepthMap, Gain, HoleFill, Intrinsics, Lattice, Law, Method, OrderRule, Plane, Servo, View, Window,

@@ -1,7 +1,8 @@
 //! The judge of the fast way: the literal double sums over full planes, and an SVD for the pseudo-inverse. Slow, and plain.
 
-use domvs_vision::basis::{Basis, Polynomial};
+use domvs_vision::basis::Basis;
 use domvs_vision::interaction::point_interaction;
+use domvs_vision::polynomial::Polynomial;
 use domvs_vision::{Depth, Lattice, Method, Plane, View, WindowInUse};
 use nalgebra::{DMatrix, DVector, RowVector2};
 

@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use domvs_vision::basis::Polynomial;
+use domvs_vision::polynomial::Polynomial;
 use domvs_vision::window::{Brightness, Rule, hahn_window, hahn_window_unrounded, krawtchouk_p};
 use domvs_vision::{
     Depth, DepthMap, Gain, HoleFill, Intrinsics, Lattice, Law, Method, OrderRule, Plane, Servo, Step, View, Window,
@@ -62,7 +62,7 @@ fn reference_parameters_are_met_exactly() {
     let Some(golden) = golden("parameters.json") else { return };
     for case in golden["cases"].as_array().unwrap() {
         let (current, desired) = (image(case, "current"), image(case, "desired"));
-        let pair = [&current, &desired].map(|image| Brightness::of(image));
+        let pair = [&current, &desired].map(Brightness::of);
         let close = |got: &[f64], name: &str| {
             let difference = relative_difference(got, &numbers(&case[name]));
             assert!(difference < 1e-12, "{name}: {difference:e}");

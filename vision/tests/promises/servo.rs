@@ -185,3 +185,14 @@ fn a_step_says_what_it_used() {
     let mse = pixels.map(|(a, b)| (a - b).powi(2)).sum::<f64>() / (64.0 * 48.0);
     assert!((step.pixel_mse / mse - 1.0).abs() < 1e-12, "the same sum in another order");
 }
+
+#[test]
+fn a_gain_can_change_between_steps_and_a_bad_one_changes_nothing() {
+    let pair = Pair::<f64>::at_mapped_depth(64, 48);
+    let mut servo = pair.servo(with_order(Law::default(), 6));
+    let before = servo.step(pair.current()).unwrap();
+    servo.set_gain(Gain::PerSecond(2.0)).unwrap();
+    assert!(servo.set_gain(Gain::PerSecond(f64::NAN)).is_err());
+    let after = servo.step(pair.current()).unwrap();
+    assert_eq!((before.gain_per_s, after.gain_per_s, after.gauss_newton), (0.5, 2.0, before.gauss_newton));
+}
