@@ -1,3 +1,8 @@
 //! One file per subcommand: its arguments (`…Args`) and `run`, which returns the exit code.
 
+pub mod demo;
+pub mod serve;
+pub mod sim;
+pub mod stop;
+pub mod task;
 pub mod twist;

@@ -1,5 +1,5 @@
 //! What the command `domvs` is made of, from the command line inwards: [`options`] shared by the
-//! subcommands, [`commands`] (one file each), [`files`] they read, [`report`] a finished run leaves behind,
+//! subcommands, [`commands`] (one file each), [`files`] they read, [`frames`] they send, the [`network`] they join, [`report`] a finished run leaves behind,
 //! and [`paint`], which decides about colours. `main.rs` only reads the command line and hands over.
 
 pub mod options;
@@ -8,5 +8,15 @@ pub mod commands;
 
 pub mod exit;
 pub mod files;
+pub mod frames;
+pub mod network;
 pub mod paint;
 pub mod report;
+
+/// The runtime of a command that talks to the network: a few threads, for I/O only.
+///
+/// # Errors
+/// Fails when the system gives no threads.
+pub fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_multi_thread().enable_all().build()
+}

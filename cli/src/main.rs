@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{ArgAction, CommandFactory, FromArgMatches, Parser, Subcommand};
-use domvs::commands::twist;
+use domvs::commands::{demo, serve, sim, stop, task, twist};
 use domvs::exit;
 use domvs::paint::{ColorWhen, Paint};
 use tracing_subscriber::EnvFilter;
@@ -33,6 +33,11 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Demo(demo::DemoArgs),
+    Serve(serve::ServeArgs),
+    Sim(sim::SimArgs),
+    Task(task::TaskArgs),
+    Stop(stop::StopArgs),
     Twist(twist::TwistArgs),
 }
 
@@ -44,6 +49,11 @@ fn main() -> ExitCode {
     start_log(cli.verbose, paint_errors);
 
     let result = match cli.command {
+        Command::Demo(args) => demo::run(&args, paint, paint_errors),
+        Command::Serve(args) => serve::run(&args, paint),
+        Command::Sim(args) => sim::run(&args, paint, paint_errors),
+        Command::Task(args) => task::run(&args, paint, paint_errors),
+        Command::Stop(args) => stop::run(&args),
         Command::Twist(args) => twist::run(&args, paint),
     };
     result.unwrap_or_else(|error| {

@@ -3,9 +3,17 @@
 //!
 //! Ranges that depend on the images (the largest order, say) are left to the crate that knows them.
 
+mod depth;
+mod network;
+mod scene;
+mod servo;
 mod view;
 mod window;
 
+pub use depth::DepthSource;
+pub use network::NetworkOptions;
+pub use scene::{DisplacementOption, LightOption, SceneOptions, SizeOption};
+pub use servo::ServoOptions;
 pub use view::{CameraOption, DepthOption};
 pub use window::{KrawtchoukOption, LatticeOption, WindowOption};
 

@@ -4,6 +4,7 @@ use domvs_proto::settings::{self, TaskSettings};
 use domvs_vision::{CameraError, Gain, Intrinsics, KrawtchoukP, Lattice, Law, Method, OrderError, OrderRule, StepCap, Window};
 
 use crate::governor::AccelerationLimits;
+use crate::task::Route;
 
 /// The law that these settings describe. Fails where the law is stricter than the checked settings.
 pub fn law(settings: &TaskSettings) -> Result<Law, OrderError> {
@@ -20,7 +21,7 @@ pub fn law(settings: &TaskSettings) -> Result<Law, OrderError> {
             settings::Lattice::Exact => Lattice::Exact,
         },
         order,
-        gain: gain(settings),
+        gain: gain(settings, Route::Requested),
         step_cap: settings.step_cap.map(|cap| StepCap { translation_m: cap.translation_m, rotation_rad: cap.rotation_rad }),
         degrees_of_freedom: settings.degrees_of_freedom,
     })
@@ -56,8 +57,13 @@ fn window(window: settings::Window) -> Window {
     }
 }
 
-fn gain(settings: &TaskSettings) -> Gain {
-    match settings.gain_in_force() {
+/// The gain for a frame that came this way.
+pub fn gain(settings: &TaskSettings, route: Route) -> Gain {
+    let gain = match route {
+        Route::Requested => settings.gain_for_requests(),
+        Route::Pushed => settings.gain_for_pushed_frames(),
+    };
+    match gain {
         settings::Gain::PerS(per_s) => Gain::PerSecond(per_s),
         settings::Gain::StepFraction(fraction) => {
             Gain::StepFraction { fraction, frame_period_s: settings.frame_period_s }

@@ -13,6 +13,7 @@ use crate::Moment;
 use crate::age::Age;
 use crate::decode::invert;
 use crate::governor::limit_speed;
+use crate::law::gain;
 use crate::life::Progress;
 use crate::screen::{FLAT_BELOW, contrast};
 use crate::task::{Frame, Route, Task};
@@ -81,6 +82,8 @@ fn compute(task: &mut Task, frame: &Frame<'_>, now: Moment, answer: &mut TwistMe
     }
     let current_filled = update_depth(&mut target.depth, &task.settings, depth_plane)?;
 
+    // Checked settings cannot make a gain that the law refuses.
+    target.servo.set_gain(gain(&task.settings, frame.route)).map_err(|error| Refusal::because(Status::Internal, error))?;
     let step = target
         .servo
         .step(View { image, depth: &target.depth })

@@ -11,23 +11,29 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use domvs_proto::body::{self, JSON};
-use domvs_proto::frame::RAW;
+use domvs_proto::frame::{FrameHeader, RAW};
 use domvs_proto::keys::Keys;
 use domvs_proto::twist::TWIST_BYTES;
 use nalgebra::Isometry3;
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 use zenoh::Session;
+use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::CongestionControl;
+use zenoh::query::{Query, Queryable};
 use zenoh::sample::Sample;
 
 use crate::free_camera::{BrakeReason, Motion};
 use crate::motion::PoseError;
+use crate::packet;
 use crate::settings::{CameraSettings, CameraSettingsError, Follow};
 use crate::simulation::Simulation;
 use flight::{Flight, Outputs};
 use inbox::{Event, Inbox};
+
+/// Questions for the desired image that may wait.
+const QUESTIONS: usize = 4;
 
 /// Why a camera does not fly.
 #[derive(Debug, thiserror::Error)]
@@ -77,17 +83,20 @@ pub struct CameraNode {
     truth: watch::Receiver<Truth>,
     _commands: Option<Subscriber<()>>,
     _stop: Subscriber<()>,
+    _desired: Queryable<()>,
     _alive: LivelinessToken,
 }
 
 impl CameraNode {
     /// Opens a session with `config` and flies. Fails on impossible settings and when Zenoh refuses.
     pub async fn open(config: zenoh::Config, keys: Keys, settings: CameraSettings) -> Result<CameraNode, NodeError> {
-        let simulation = settings.simulation()?;
+        let mut simulation = settings.simulation()?;
+        let target = packet::pack(&simulation.capture_desired(), settings.pixels, settings.depth, 0, 0);
         let frame_period = settings.frame_period()?;
         let session = zenoh::open(config).await?;
         let inbox = Arc::new(Inbox::default());
         let stop = listen_to_stop(&session, &keys, &inbox).await?;
+        let desired = show_desired(&session, keys.camera_desired(&settings.name), target).await?;
         let commands = listen_to_commands(&session, &keys, &settings.follow, &inbox).await?;
         let first = first_truth(&simulation);
         let (truth_sender, truth) = watch::channel(first.clone());
@@ -103,7 +112,7 @@ impl CameraNode {
         let thread = std::thread::Builder::new().name(name).spawn(move || {
             Flight::new(settings, simulation, frame_period, outputs, first).run(&flight_inbox);
         })?;
-        Ok(CameraNode { session, inbox, thread: Some(thread), truth, _commands: commands, _stop: stop, _alive: alive })
+        Ok(CameraNode { session, inbox, thread: Some(thread), truth, _commands: commands, _stop: stop, _desired: desired, _alive: alive })
     }
 
     /// Where the camera really is; changes after every move and every event.
@@ -149,6 +158,27 @@ async fn declare_frames(
 ) -> zenoh::Result<zenoh::pubsub::Publisher<'static>> {
     let key = settings.frame_key.clone().unwrap_or_else(|| keys.camera_frame(&settings.name));
     session.declare_publisher(key).congestion_control(CongestionControl::Drop).encoding(RAW).await
+}
+
+/// Answers whoever asks what the camera would see from where it should be.
+async fn show_desired(
+    session: &Session,
+    key: String,
+    (header, payload): (FrameHeader, Vec<u8>),
+) -> zenoh::Result<Queryable<()>> {
+    let (asked, mut questions) = mpsc::channel::<Query>(QUESTIONS);
+    let (reply_key, header, payload) = (key.clone(), header.encode(), ZBytes::from(payload));
+    tokio::spawn(async move {
+        while let Some(query) = questions.recv().await {
+            let reply = query.reply(&reply_key, payload.clone()).attachment(header.clone()).encoding(RAW);
+            if let Err(error) = reply.await {
+                tracing::debug!(%error, "nobody waits for the desired image any more");
+            }
+        }
+    });
+    // A question that finds no room is dropped: whoever asked sees an empty answer and asks again.
+    let enqueue = move |query: Query| drop(asked.try_send(query));
+    session.declare_queryable(key).complete(true).callback(enqueue).await
 }
 
 async fn listen_to_stop(session: &Session, keys: &Keys, inbox: &Arc<Inbox>) -> zenoh::Result<Subscriber<()>> {

@@ -299,7 +299,8 @@ pub struct TaskSettings {
     pub order: OrderRange,
     /// Pixel error below which the order is at its largest.
     pub epsilon: f64,
-    /// How much of the step is taken; none = by `frames`, see [`TaskSettings::gain_in_force`].
+    /// How much of the step is taken; none = by the way each frame came, see
+    /// [`TaskSettings::gain_for_requests`] and [`TaskSettings::gain_for_pushed_frames`].
     pub gain: Option<Gain>,
     /// Time between two frames, s.
     pub frame_period_s: f64,
@@ -363,13 +364,14 @@ impl TaskSettings {
         }
     }
 
-    /// The gain, or its default by `frames`: half a step per frame for requests, 1/s for pushed frames.
-    pub fn gain_in_force(&self) -> Gain {
-        match (self.gain, &self.frames) {
-            (Some(gain), _) => gain,
-            (None, Frames::Requests) => Gain::StepFraction(0.5),
-            (None, Frames::Pushed | Frames::Key(_)) => Gain::PerS(1.0),
-        }
+    /// The gain for a frame that came with a request; half a step per frame by default.
+    pub fn gain_for_requests(&self) -> Gain {
+        self.gain.unwrap_or(Gain::StepFraction(0.5))
+    }
+
+    /// The gain for a frame that was pushed; 1/s by default.
+    pub fn gain_for_pushed_frames(&self) -> Gain {
+        self.gain.unwrap_or(Gain::PerS(1.0))
     }
 
     /// The watchdog time, or its default, ms: three frame periods, at least 100.

@@ -24,7 +24,7 @@ impl TaskSettings {
         check_order(self.order, &self.camera)?;
         check("epsilon", self.epsilon)?;
         check("frame_period_s", self.frame_period_s)?;
-        check_gain(self.gain_in_force())?;
+        self.gain.map_or(Ok(()), check_gain)?;
         self.step_cap.as_ref().map_or(Ok(()), check_step_cap)?;
         check_depth(self.depth)?;
         if self.preprocess.undistort {

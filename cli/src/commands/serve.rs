@@ -1,0 +1,122 @@
+//! `domvs serve`: one worker, until it is told to end.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, bail};
+use clap::Args;
+use domvs_client::{DEFAULT_ENDPOINT, zenoh_config};
+use domvs_server::{ServerConfig, Service};
+use tokio::signal::unix::{Signal, SignalKind, signal};
+
+use crate::exit;
+use crate::network::router_config;
+use crate::paint::{Paint, print_line};
+
+/// Run the service
+///
+/// Without any network option it is its own router, on tcp/127.0.0.1:7447: cameras, clients and arms on this machine
+/// connect to it. With --listen tcp/0.0.0.0:7447 others reach it too (nothing is encrypted then); with --endpoint it
+/// joins a router that runs elsewhere. SIGTERM or Ctrl-C ends it in order, zeros first; a second one ends it at once.
+#[derive(Args, Clone, Debug)]
+pub struct ServeArgs {
+    /// The worker's configuration (TOML); deploy/server.toml lists every entry with its default
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+
+    /// A folder for a recording (MCAP) of all frames, twists, statuses and settings
+    #[arg(long, value_name = "FOLDER")]
+    record: Option<PathBuf>,
+
+    /// Name of this worker [default: made up at every start]
+    #[arg(long, value_name = "NAME")]
+    worker: Option<String>,
+
+    /// Be a router that listens here [default: tcp/127.0.0.1:7447]
+    #[arg(long, value_name = "ENDPOINT", conflicts_with_all = ["endpoints", "zenoh_config"])]
+    listen: Vec<String>,
+
+    /// Join the router at this endpoint
+    #[arg(short = 'e', long = "endpoint", value_name = "ENDPOINT")]
+    endpoints: Vec<String>,
+
+    /// A Zenoh configuration file (JSON5); one with mode "router" makes the service its own router
+    #[arg(long, value_name = "FILE", env = "ZENOH_CONFIG")]
+    zenoh_config: Option<PathBuf>,
+}
+
+/// Serves until a signal comes.
+///
+/// # Errors
+/// Fails when the configuration is wrong, nothing can be reached, or the endpoint is taken.
+pub fn run(args: &ServeArgs, paint: Paint) -> anyhow::Result<ExitCode> {
+    let config = server_config(args)?;
+    crate::runtime()?.block_on(serve(args, config, paint))
+}
+
+async fn serve(args: &ServeArgs, config: ServerConfig, paint: Paint) -> anyhow::Result<ExitCode> {
+    // Before anything is announced: a signal from here on ends the service in order.
+    let mut signals = [signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?];
+    let session = zenoh::open(session_config(args)?)
+        .await
+        .map_err(|error| anyhow::Error::from_boxed(error).context(unreachable_hint(args)))?;
+    let record = config.record.clone();
+    let service = Service::start(config, session).await?;
+    print_line(&format!("worker {} is ready on {}", paint.bold(service.worker().as_str()), place(args)))?;
+    if !record.as_os_str().is_empty() {
+        print_line(&format!("recording to {}", record.display()))?;
+    }
+    any(&mut signals).await;
+    print_line("stopping: zeros first")?;
+    tokio::select! {
+        () = service.shutdown() => Ok(exit::done()),
+        () = any(&mut signals) => bail!("ended at once by a second signal"),
+    }
+}
+
+async fn any([terminate, interrupt]: &mut [Signal; 2]) {
+    tokio::select! {
+        _ = terminate.recv() => {}
+        _ = interrupt.recv() => {}
+    }
+}
+
+fn server_config(args: &ServeArgs) -> anyhow::Result<ServerConfig> {
+    let mut config = match &args.config {
+        Some(path) => ServerConfig::read(path).with_context(|| path.display().to_string())?,
+        None => ServerConfig::default(),
+    };
+    if let Some(record) = &args.record {
+        config.record.clone_from(record);
+    }
+    if let Some(worker) = &args.worker {
+        config.worker.clone_from(worker);
+    }
+    Ok(config.checked()?)
+}
+
+fn session_config(args: &ServeArgs) -> anyhow::Result<zenoh::Config> {
+    if args.zenoh_config.is_some() || !args.endpoints.is_empty() {
+        return Ok(zenoh_config(args.zenoh_config.as_deref(), &args.endpoints)?);
+    }
+    match args.listen.is_empty() {
+        true => router_config(&[DEFAULT_ENDPOINT.to_owned()]),
+        false => router_config(&args.listen),
+    }
+}
+
+fn place(args: &ServeArgs) -> String {
+    match (&args.zenoh_config, args.endpoints.is_empty(), args.listen.is_empty()) {
+        (Some(file), ..) => format!("the network of {}", file.display()),
+        (None, false, _) => args.endpoints.join(", "),
+        (None, true, false) => args.listen.join(", "),
+        (None, true, true) => DEFAULT_ENDPOINT.to_owned(),
+    }
+}
+
+fn unreachable_hint(args: &ServeArgs) -> String {
+    match args.endpoints.is_empty() && args.zenoh_config.is_none() {
+        true => format!("cannot listen on {}; is another service running there?", place(args)),
+        false => format!("cannot join {}; is a router running there?", place(args)),
+    }
+}

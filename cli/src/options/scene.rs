@@ -1,0 +1,181 @@
+//! What a simulated camera looks at, from where, and what spoils its images: alike for `demo` and `sim camera`.
+
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use anyhow::Context;
+use clap::Args;
+use domvs_proto::keys::Name;
+use domvs_simulators::motion::EXPERIMENT_1;
+use domvs_simulators::{CameraSettings, Disturbance, Photograph};
+
+use super::numbers;
+
+/// The scene, the start and the disturbances.
+#[derive(Args, Clone, Debug)]
+pub struct SceneOptions {
+    /// A photograph: a PNG or JPEG file, or one that is bundled: astronaut, coffee, chelsea, camera, brick, noise
+    #[arg(long, value_name = "FILE", default_value = "astronaut")]
+    pub texture: String,
+
+    /// Size of the images, pixels
+    #[arg(long, value_name = "WxH", default_value = "512x512")]
+    pub size: SizeOption,
+
+    /// Where the camera starts, as seen from the desired pose: m,m,m,deg,deg,deg, the se(3) log coordinates of
+    /// T_desired⁻¹ T_initial [default: the paper's experiment #1]
+    #[arg(long, value_name = "X,Y,Z,RX,RY,RZ", default_value_t, allow_hyphen_values = true, hide_default_value = true)]
+    pub displacement: DisplacementOption,
+
+    /// Standard deviation of the noise in every image, gray in [0, 1]
+    #[arg(long, value_name = "STD", default_value_t = 0.0)]
+    pub noise: f64,
+
+    /// Another light than in the desired image: every image becomes GAIN · I + OFFSET
+    #[arg(long, value_name = "GAIN,OFFSET", default_value_t, allow_hyphen_values = true)]
+    pub light: LightOption,
+
+    /// Seed of the noise
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+}
+
+impl SceneOptions {
+    /// The camera these options describe: the photograph cropped square, 0.7 m wide, 1 m away, 60° field of view.
+    ///
+    /// # Errors
+    /// Fails, naming the file, when the photograph cannot be read.
+    pub fn camera(&self, name: Name) -> anyhow::Result<CameraSettings> {
+        let photograph = photograph(&self.texture)?.cropped_square();
+        Ok(CameraSettings {
+            width: self.size.width,
+            height: self.size.height,
+            displacement: self.displacement.0,
+            disturbance: Disturbance {
+                noise_std: self.noise,
+                gain: self.light.gain,
+                offset: self.light.offset,
+                seed: self.seed,
+                ..Disturbance::default()
+            },
+            ..CameraSettings::new(name, photograph)
+        })
+    }
+}
+
+/// A bundled name is one unless a file of that name lies here.
+fn photograph(texture: &str) -> anyhow::Result<Photograph> {
+    if Photograph::bundled_names().contains(&texture) && !Path::new(texture).exists() {
+        return Ok(Photograph::bundled(texture)?);
+    }
+    Photograph::open(texture).with_context(|| {
+        format!("--texture takes a PNG or JPEG file, or one of {}", Photograph::bundled_names().join(", "))
+    })
+}
+
+/// `--size WxH`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SizeOption {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl FromStr for SizeOption {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<SizeOption, String> {
+        let expected = || format!("expected WIDTHxHEIGHT in pixels, 8x8 to 4096x4096, got '{text}'");
+        let (width, height) = text.split_once(['x', 'X', '×']).ok_or_else(expected)?;
+        let side = |text: &str| text.trim().parse().ok().filter(|side| (8..=4096).contains(side)).ok_or_else(expected);
+        Ok(SizeOption { width: side(width)?, height: side(height)? })
+    }
+}
+
+impl fmt::Display for SizeOption {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{}", self.width, self.height)
+    }
+}
+
+/// `--displacement X,Y,Z,RX,RY,RZ`: metres and degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DisplacementOption(pub [f64; 6]);
+
+impl Default for DisplacementOption {
+    fn default() -> DisplacementOption {
+        DisplacementOption(EXPERIMENT_1)
+    }
+}
+
+impl FromStr for DisplacementOption {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<DisplacementOption, String> {
+        numbers(text)
+            .and_then(|numbers| <[f64; 6]>::try_from(numbers).ok())
+            .map(DisplacementOption)
+            .ok_or_else(|| format!("expected six numbers, metres then degrees, with commas, got '{text}'"))
+    }
+}
+
+impl fmt::Display for DisplacementOption {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0.map(|number| number.to_string()).join(","))
+    }
+}
+
+/// `--light GAIN,OFFSET`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightOption {
+    /// Factor of the gray values.
+    pub gain: f64,
+    /// Added to the gray values, of [0, 1].
+    pub offset: f64,
+}
+
+impl Default for LightOption {
+    fn default() -> LightOption {
+        LightOption { gain: 1.0, offset: 0.0 }
+    }
+}
+
+impl FromStr for LightOption {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<LightOption, String> {
+        match numbers(text).as_deref() {
+            Some(&[gain]) => Ok(LightOption { gain, offset: 0.0 }),
+            Some(&[gain, offset]) => Ok(LightOption { gain, offset }),
+            _ => Err(format!("expected GAIN or GAIN,OFFSET, got '{text}'")),
+        }
+    }
+}
+
+impl fmt::Display for LightOption {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{},{}", self.gain, self.offset)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_displacements_and_lights_parse_as_they_are_shown() {
+        for size in ["512x512", "640x480"] {
+            assert_eq!(size.parse::<SizeOption>().expect("a size").to_string(), size);
+        }
+        for bad in ["512", "0x8", "5000x5000", "axb", "-8x8"] {
+            assert!(bad.parse::<SizeOption>().is_err(), "'{bad}'");
+        }
+        let first = DisplacementOption::default();
+        assert_eq!(first.to_string().parse(), Ok(first));
+        assert!("1,2,3".parse::<DisplacementOption>().is_err());
+        assert_eq!("0.7".parse(), Ok(LightOption { gain: 0.7, offset: 0.0 }));
+        assert_eq!("0.6,-0.1".parse(), Ok(LightOption { gain: 0.6, offset: -0.1 }));
+    }
+}
