@@ -266,15 +266,21 @@ mod tests {
     }
 
     #[test]
-    fn the_recurrence_multiplies_by_u() {
-        let basis = Basis::new(64, 12, Polynomial::Hahn { a: 3.5, b: 9.0 }).expect("valid");
-        let by = basis.recurrence().expect("hahn has one");
-        for (n, u) in (1..11).flat_map(|n| (0..64).map(move |u| (n, u))) {
-            let t = 2.0 * u as f64 / (by.points - 1) as f64 - 1.0;
-            let right = by.off_diagonal[n] * basis.row(n - 1)[u]
-                + by.diagonal[n] * basis.row(n)[u]
-                + by.off_diagonal[n + 1] * basis.row(n + 1)[u];
-            assert!((t * basis.row(n)[u] - right).abs() < 1e-14, "unit rows and |t| <= 1: a few rounding errors");
+    fn the_recurrence_multiplies_by_u_in_wide_and_narrow_windows() {
+        let krawtchouk = |p| Polynomial::Krawtchouk { p, lattice: Lattice::Paper };
+        let hahn = |a, b| Polynomial::Hahn { a, b };
+        for polynomial in [hahn(3.5, 9.0), hahn(10.0, 1e5), hahn(1e9, 0.0), krawtchouk(1e-3), krawtchouk(0.9999)] {
+            let (length, rows) = (640, 43);
+            let basis = Basis::new(length, rows, polynomial).expect("valid");
+            let by = basis.recurrence().expect("polynomials have one");
+            for (n, u) in (1..rows - 1).flat_map(|n| (0..length).map(move |u| (n, u))) {
+                let t = 2.0 * u as f64 / (by.points - 1) as f64 - 1.0;
+                let right = by.off_diagonal[n] * basis.row(n - 1)[u]
+                    + by.diagonal[n] * basis.row(n)[u]
+                    + by.off_diagonal[n + 1] * basis.row(n + 1)[u];
+                let difference = (t * basis.row(n)[u] - right).abs();
+                assert!(difference < 1e-14, "{polynomial:?}, row {n}: unit rows, |t| <= 1, a few rounding errors");
+            }
         }
     }
 
