@@ -40,10 +40,7 @@ impl Raster {
             Samples::F32(_) => "32-bit float",
             Samples::F64(_) => "64-bit float",
         };
-        format!(
-            "{depth} {}",
-            if self.channels < 3 { "gray" } else { "colour" }
-        )
+        format!("{depth} {}", if self.channels < 3 { "gray" } else { "colour" })
     }
 }
 
@@ -58,10 +55,7 @@ fn read_raster(path: &Path) -> anyhow::Result<Raster> {
 
 fn png_or_jpeg_raster(bytes: &[u8]) -> anyhow::Result<Raster> {
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
-    ensure!(
-        reader.format().is_some(),
-        "it is neither PNG nor JPEG nor TIFF"
-    );
+    ensure!(reader.format().is_some(), "it is neither PNG nor JPEG nor TIFF");
     let image = reader.decode()?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let channels = usize::from(image.color().channel_count());
@@ -76,12 +70,7 @@ fn png_or_jpeg_raster(bytes: &[u8]) -> anyhow::Result<Raster> {
         DynamicImage::ImageRgba16(image) => Samples::U16(image.into_raw()),
         other => bail!("samples of the kind {:?} are not supported", other.color()),
     };
-    Ok(Raster {
-        width,
-        height,
-        channels,
-        samples,
-    })
+    Ok(Raster { width, height, channels, samples })
 }
 
 fn tiff_raster(bytes: &[u8]) -> anyhow::Result<Raster> {
@@ -95,12 +84,7 @@ fn tiff_raster(bytes: &[u8]) -> anyhow::Result<Raster> {
         DecodingResult::F64(samples) => Samples::F64(samples),
         _ => bail!("TIFF samples must be 8 or 16-bit unsigned, or 32 or 64-bit float"),
     };
-    Ok(Raster {
-        width: width as usize,
-        height: height as usize,
-        channels,
-        samples,
-    })
+    Ok(Raster { width: width as usize, height: height as usize, channels, samples })
 }
 
 fn tiff_channels(color: ColorType) -> Result<usize, TiffError> {

@@ -13,14 +13,7 @@ use tracing_subscriber::EnvFilter;
 #[command(name = "domvs", version, about, after_help = exit::HELP, max_term_width = 110)]
 struct Cli {
     /// When to use colours
-    #[arg(
-        long,
-        global = true,
-        help_heading = "General options",
-        value_enum,
-        value_name = "WHEN",
-        default_value_t
-    )]
+    #[arg(long, global = true, help_heading = "General options", value_enum, value_name = "WHEN", default_value_t)]
     color: ColorWhen,
 
     /// Say more on standard error: -v progress, -vv details, -vvv everything (RUST_LOG overrides it)
@@ -70,9 +63,6 @@ fn start_log(verbose: u8, paint: Paint) {
         _ => "trace",
     };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    let log = tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .with_ansi(paint.colored);
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(paint.colored);
     log.init();
 }

@@ -39,12 +39,8 @@ pub enum MethodOption {
 
 impl MethodOption {
     /// Every method, in the order of `--help`.
-    pub const ALL: [MethodOption; 4] = [
-        MethodOption::Hahn,
-        MethodOption::Krawtchouk,
-        MethodOption::Tchebichef,
-        MethodOption::Cosine,
-    ];
+    pub const ALL: [MethodOption; 4] =
+        [MethodOption::Hahn, MethodOption::Krawtchouk, MethodOption::Tchebichef, MethodOption::Cosine];
 
     /// The word on the command line and on the wire.
     pub fn word(self) -> &'static str {
@@ -162,19 +158,10 @@ mod tests {
     #[test]
     fn what_is_shown_parses_again() {
         for window in ["adaptive", "adaptive_paper", "8,8", "6,6,4,5"] {
-            assert_eq!(
-                window
-                    .parse::<WindowOption>()
-                    .expect("a window")
-                    .to_string(),
-                window
-            );
+            assert_eq!(window.parse::<WindowOption>().expect("a window").to_string(), window);
         }
         for order in ["8", "4..16"] {
-            assert_eq!(
-                order.parse::<OrderOption>().expect("an order").to_string(),
-                order
-            );
+            assert_eq!(order.parse::<OrderOption>().expect("an order").to_string(), order);
         }
         for method in MethodOption::ALL {
             assert_eq!(MethodOption::from_str(method.word(), false), Ok(method));

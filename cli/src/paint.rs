@@ -30,9 +30,7 @@ impl ColorWhen {
             };
             let value = match argument.strip_prefix("--color=") {
                 Some(value) => Some(value.to_owned()),
-                None if argument == "--color" => {
-                    arguments.next().and_then(|value| value.into_string().ok())
-                }
+                None if argument == "--color" => arguments.next().and_then(|value| value.into_string().ok()),
                 None => None,
             };
             if let Some(when) = value.and_then(|value| ColorWhen::from_str(&value, true).ok()) {
@@ -74,18 +72,12 @@ pub struct Paint {
 impl Paint {
     /// For what goes to standard output.
     pub fn for_stdout(when: ColorWhen) -> Paint {
-        when.decide(
-            io::stdout().is_terminal(),
-            std::env::var_os("NO_COLOR").as_deref(),
-        )
+        when.decide(io::stdout().is_terminal(), std::env::var_os("NO_COLOR").as_deref())
     }
 
     /// For what goes to standard error: the live line, logs, errors.
     pub fn for_stderr(when: ColorWhen) -> Paint {
-        when.decide(
-            io::stderr().is_terminal(),
-            std::env::var_os("NO_COLOR").as_deref(),
-        )
+        when.decide(io::stderr().is_terminal(), std::env::var_os("NO_COLOR").as_deref())
     }
 
     /// Bold text.
@@ -104,11 +96,7 @@ impl Paint {
     }
 
     fn wrap(self, code: &str, text: &str) -> String {
-        if self.colored {
-            format!("\x1b[{code}m{text}\x1b[0m")
-        } else {
-            text.to_owned()
-        }
+        if self.colored { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_owned() }
     }
 
     /// A table with the given headings, as wide as the terminal at most; colours only where `self` allows them.
@@ -129,21 +117,13 @@ impl Paint {
     /// A table cell in bold.
     pub fn bold_cell(self, text: &str) -> Cell {
         let cell = Cell::new(text);
-        if self.colored {
-            cell.add_attribute(Attribute::Bold)
-        } else {
-            cell
-        }
+        if self.colored { cell.add_attribute(Attribute::Bold) } else { cell }
     }
 
     /// A table cell that says how something ended: green or red.
     pub fn verdict_cell(self, text: &str, good: bool) -> Cell {
         let color = if good { Color::Green } else { Color::Red };
-        if self.colored {
-            Cell::new(text).fg(color)
-        } else {
-            Cell::new(text)
-        }
+        if self.colored { Cell::new(text).fg(color) } else { Cell::new(text) }
     }
 }
 
@@ -169,14 +149,8 @@ mod tests {
 
     #[test]
     fn the_color_option_is_found_before_parsing_in_both_spellings() {
-        assert_eq!(
-            among(&["domvs", "--color", "never", "twist"]),
-            ColorWhen::Never
-        );
-        assert_eq!(
-            among(&["domvs", "twist", "--color=always"]),
-            ColorWhen::Always
-        );
+        assert_eq!(among(&["domvs", "--color", "never", "twist"]), ColorWhen::Never);
+        assert_eq!(among(&["domvs", "twist", "--color=always"]), ColorWhen::Always);
         assert_eq!(among(&["domvs", "--color"]), ColorWhen::Auto);
         assert_eq!(among(&["domvs", "--color", "purple"]), ColorWhen::Auto);
     }
@@ -185,21 +159,14 @@ mod tests {
     fn auto_means_a_terminal_without_no_color() {
         let auto = ColorWhen::Auto;
         assert!(auto.decide(true, None).colored);
-        assert!(
-            auto.decide(true, Some(OsStr::new(""))).colored,
-            "an empty NO_COLOR counts as unset"
-        );
+        assert!(auto.decide(true, Some(OsStr::new(""))).colored, "an empty NO_COLOR counts as unset");
         assert!(!auto.decide(true, Some(OsStr::new("1"))).colored);
         assert!(!auto.decide(false, None).colored);
     }
 
     #[test]
     fn an_explicit_choice_beats_no_color_and_pipes() {
-        assert!(
-            ColorWhen::Always
-                .decide(false, Some(OsStr::new("1")))
-                .colored
-        );
+        assert!(ColorWhen::Always.decide(false, Some(OsStr::new("1"))).colored);
         assert!(!ColorWhen::Never.decide(true, None).colored);
     }
 

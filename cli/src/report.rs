@@ -34,12 +34,10 @@ pub fn write_run(
     settings: &impl Serialize,
     images: &RunImages<'_>,
 ) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     let path = folder.join("settings.json");
     let json = serde_json::to_string_pretty(settings).context("settings.json")?;
-    std::fs::write(&path, json + "\n")
-        .with_context(|| format!("cannot write {}", path.display()))?;
+    std::fs::write(&path, json + "\n").with_context(|| format!("cannot write {}", path.display()))?;
     table::write_csv(&folder.join("frames.csv"), &record.rows)?;
     pictures::write_pictures(folder, images)?;
     plots::write_plots(folder, record)

@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use domvs_vision::{
-    Depth, DepthMap, Gain, HoleFill, Intrinsics, Law, Method, OrderRule, Plane, Servo, Step, View,
-    Window, WindowInUse,
+    Depth, DepthMap, Gain, HoleFill, Intrinsics, Law, Method, OrderRule, Plane, Servo, Step, View, Window, WindowInUse,
 };
 use serde_json::Value;
 use tempfile::TempDir;
@@ -24,9 +23,7 @@ struct Files {
 
 impl Files {
     fn new() -> Files {
-        let files = Files {
-            folder: tempfile::tempdir().expect("a temporary folder"),
-        };
+        let files = Files { folder: tempfile::tempdir().expect("a temporary folder") };
         files.tiff("desired.tiff", &desired());
         files.tiff("current.tiff", &current());
         files
@@ -41,9 +38,7 @@ impl Files {
         let file = std::fs::File::create(self.path(name)).expect("a file");
         let mut encoder = TiffEncoder::new(file).expect("an encoder");
         let (width, height) = (plane.width() as u32, plane.height() as u32);
-        encoder
-            .write_image::<Gray32Float>(width, height, &samples)
-            .expect("a TIFF");
+        encoder.write_image::<Gray32Float>(width, height, &samples).expect("a TIFF");
     }
 
     fn depth_png(&self, name: &str, counts: impl Fn(usize, usize) -> u16) {
@@ -54,20 +49,7 @@ impl Files {
 
     /// `domvs twist` on desired.tiff and current.tiff, with more options.
     fn twist(&self, options: &[&str]) -> Output {
-        self.run(
-            &[
-                &[
-                    "--desired",
-                    "desired.tiff",
-                    "--current",
-                    "current.tiff",
-                    "--camera",
-                    CAMERA,
-                ],
-                options,
-            ]
-            .concat(),
-        )
+        self.run(&[&["--desired", "desired.tiff", "--current", "current.tiff", "--camera", CAMERA], options].concat())
     }
 
     fn run(&self, options: &[&str]) -> Output {
@@ -81,11 +63,7 @@ impl Files {
 
 fn domvs(folder: &Path, arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_domvs"));
-    command
-        .args(arguments)
-        .current_dir(folder)
-        .env_remove("NO_COLOR")
-        .env_remove("RUST_LOG");
+    command.args(arguments).current_dir(folder).env_remove("NO_COLOR").env_remove("RUST_LOG");
     command.output().expect("the binary runs")
 }
 
@@ -130,10 +108,7 @@ fn current() -> Plane<f64> {
 fn law(method: Method) -> Law {
     Law {
         method,
-        window: Window::Fixed {
-            x: [8.0, 8.0],
-            y: [8.0, 8.0],
-        },
+        window: Window::Fixed { x: [8.0, 8.0], y: [8.0, 8.0] },
         order: OrderRule::new(4, 16, 1e-3).expect("an order rule"),
         gain: Gain::PerSecond(1.0),
         step_cap: None,
@@ -144,21 +119,8 @@ fn law(method: Method) -> Law {
 fn direct(law: Law, depths: [&Depth<f64>; 2]) -> Step {
     let camera = Intrinsics::new([60.0, 61.5], [31.5, 23.5]).expect("a camera");
     let (desired, current) = (desired(), current());
-    let mut servo = Servo::new(
-        law,
-        camera,
-        View {
-            image: &desired,
-            depth: depths[0],
-        },
-    )
-    .expect("a servo");
-    servo
-        .step(View {
-            image: &current,
-            depth: depths[1],
-        })
-        .expect("a step")
+    let mut servo = Servo::new(law, camera, View { image: &desired, depth: depths[0] }).expect("a servo");
+    servo.step(View { image: &current, depth: depths[1] }).expect("a step")
 }
 
 fn assert_is(json: &Value, step: &Step) {
@@ -177,10 +139,7 @@ fn assert_is(json: &Value, step: &Step) {
 
 fn assert_close(got: &Value, expected: f64) {
     let got = got.as_f64().expect("a number");
-    assert!(
-        (got - expected).abs() <= READ_BACK * expected.abs(),
-        "expected {expected}, got {got}"
-    );
+    assert!((got - expected).abs() <= READ_BACK * expected.abs(), "expected {expected}, got {got}");
 }
 
 const ONE_METRE: Depth<f64> = Depth::Constant { depth_m: 1.0 };
@@ -190,52 +149,21 @@ fn the_answer_is_what_a_direct_call_of_the_law_gives() {
     let json = Files::new().json(&[]);
     assert_is(&json, &direct(law(Method::Hahn), [&ONE_METRE; 2]));
     assert_eq!(json["window"], serde_json::json!([8.0, 8.0, 8.0, 8.0]));
-    let mut keys: Vec<&str> = json
-        .as_object()
-        .expect("an object")
-        .keys()
-        .map(String::as_str)
-        .collect();
+    let mut keys: Vec<&str> = json.as_object().expect("an object").keys().map(String::as_str).collect();
     keys.sort_unstable();
-    let promised = [
-        "condition_number",
-        "feature_error_squared",
-        "features",
-        "order",
-        "pixel_mse",
-        "status",
-        "twist",
-        "window",
-    ];
+    let promised =
+        ["condition_number", "feature_error_squared", "features", "order", "pixel_mse", "status", "twist", "window"];
     assert_eq!(keys, promised);
 }
 
 #[test]
 fn every_option_reaches_the_law() {
-    let options = [
-        "--order",
-        "5..9",
-        "--epsilon",
-        "2e-3",
-        "--gain",
-        "3e-2",
-        "--window",
-        "6,6,4,5",
-    ];
-    let json = Files::new().json(
-        &[
-            &options[..],
-            &["--desired-depth", "0.8", "--current-depth", "9e-1"],
-        ]
-        .concat(),
-    );
+    let options = ["--order", "5..9", "--epsilon", "2e-3", "--gain", "3e-2", "--window", "6,6,4,5"];
+    let json = Files::new().json(&[&options[..], &["--desired-depth", "0.8", "--current-depth", "9e-1"]].concat());
     let law = Law {
         order: OrderRule::new(5, 9, 2e-3).expect("an order rule"),
         gain: Gain::PerSecond(0.03),
-        window: Window::Fixed {
-            x: [6.0, 6.0],
-            y: [4.0, 5.0],
-        },
+        window: Window::Fixed { x: [6.0, 6.0], y: [4.0, 5.0] },
         ..law(Method::Hahn)
     };
     let depths = [0.8, 0.9].map(|depth_m| Depth::Constant { depth_m });
@@ -258,18 +186,13 @@ fn krawtchouk_reports_its_centre_and_methods_without_a_window_ignore_it() {
     let step = direct(law(Method::Krawtchouk), [&ONE_METRE; 2]);
     let json = files.json(&["--method", "krawtchouk", "--window", "2,2"]);
     assert_is(&json, &step);
-    let WindowInUse::Krawtchouk { p } = step.window else {
-        panic!("a krawtchouk window")
-    };
+    let WindowInUse::Krawtchouk { p } = step.window else { panic!("a krawtchouk window") };
     assert_close(&json["window"][0], p[0]);
     assert_close(&json["window"][1], p[1]);
     let exact = files.json(&["--method", "krawtchouk", "--lattice", "exact"]);
     assert_ne!(exact["window"], json["window"], "N points instead of N + 1");
 
-    for (word, method) in [
-        ("tchebichef", Method::Tchebichef),
-        ("cosine", Method::Cosine),
-    ] {
+    for (word, method) in [("tchebichef", Method::Tchebichef), ("cosine", Method::Cosine)] {
         let json = files.json(&["--method", word, "--window", "2,2"]);
         assert_is(&json, &direct(law(method), [&ONE_METRE; 2]));
         assert!(json["window"].is_null());
@@ -280,11 +203,7 @@ fn krawtchouk_reports_its_centre_and_methods_without_a_window_ignore_it() {
 fn a_sixteen_bit_depth_map_is_counted_in_its_unit_and_its_holes_get_the_median() {
     let files = Files::new();
     let counts = |u: usize, v: usize| {
-        if (u + v).is_multiple_of(7) {
-            0
-        } else {
-            3000 + 10 * u as u16 + v as u16
-        }
+        if (u + v).is_multiple_of(7) { 0 } else { 3000 + 10 * u as u16 + v as u16 }
     };
     files.depth_png("depth.png", counts);
     let json = files.json(&["--desired-depth", "depth.png", "--depth-unit", "2.5e-4"]);
@@ -300,10 +219,7 @@ fn a_float_tiff_depth_map_is_in_metres() {
     files.tiff("depth.tiff", &metres);
     let json = files.json(&["--desired-depth", "depth.tiff", "--current-depth", "1.2"]);
     let map = Depth::Map(DepthMap::from_metres(&metres, HoleFill::Median).expect("a depth map"));
-    assert_is(
-        &json,
-        &direct(law(Method::Hahn), [&map, &Depth::Constant { depth_m: 1.2 }]),
-    );
+    assert_is(&json, &direct(law(Method::Hahn), [&map, &Depth::Constant { depth_m: 1.2 }]));
 }
 
 #[test]
@@ -312,25 +228,14 @@ fn invert_means_one_minus_the_image() {
     let inverted = |plane: Plane<f64>| Plane::from_fn(WIDTH, HEIGHT, |u, v| 1.0 - plane.at(u, v));
     files.tiff("dark-desired.tiff", &inverted(desired()));
     files.tiff("dark-current.tiff", &inverted(current()));
-    let names = [
-        "--desired",
-        "dark-desired.tiff",
-        "--current",
-        "dark-current.tiff",
-        "--camera",
-        CAMERA,
-    ];
-    let json =
-        answer(&files.run(&[&names[..], &["--window", "adaptive", "--invert", "--json"]].concat()));
+    let names = ["--desired", "dark-desired.tiff", "--current", "dark-current.tiff", "--camera", CAMERA];
+    let json = answer(&files.run(&[&names[..], &["--window", "adaptive", "--invert", "--json"]].concat()));
     let bright = files.json(&["--window", "adaptive"]);
     assert_eq!(json["window"], bright["window"]);
     for axis in 0..6 {
         let number = |value: &Value| value["twist"][axis].as_f64().expect("a number");
         // 1 - I is rounded to f32 in the file: 6e-8 per pixel, magnified by the condition number.
-        assert!(
-            (number(&json) - number(&bright)).abs() < 1e-4,
-            "axis {axis}"
-        );
+        assert!((number(&json) - number(&bright)).abs() < 1e-4, "axis {axis}");
     }
 }
 
@@ -340,83 +245,37 @@ fn the_initial_image_decides_how_far_along_the_order_is() {
     files.tiff("initial.tiff", &bumps(20.0, 33.0));
     let first = files.json(&[]);
     let later = files.json(&["--initial", "initial.tiff"]);
-    assert!(
-        later["order"].as_u64() > first["order"].as_u64(),
-        "{first} {later}"
-    );
+    assert!(later["order"].as_u64() > first["order"].as_u64(), "{first} {later}");
 }
 
 #[test]
 fn black_images_give_a_zero_twist_and_say_rank_deficient() {
     let files = Files::new();
     files.tiff("black.tiff", &Plane::filled(WIDTH, HEIGHT, 0.0));
-    let black = [
-        "--desired",
-        "black.tiff",
-        "--current",
-        "black.tiff",
-        "--camera",
-        CAMERA,
-        "--json",
-    ];
+    let black = ["--desired", "black.tiff", "--current", "black.tiff", "--camera", CAMERA, "--json"];
     let json = answer(&files.run(&black));
     assert_eq!(json["status"], "rank_deficient");
-    assert_eq!(
-        json["twist"],
-        serde_json::json!([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    );
+    assert_eq!(json["twist"], serde_json::json!([0.0, 0.0, 0.0, 0.0, 0.0, 0.0]));
 }
 
 #[test]
 fn errors_name_the_file_and_the_numbers_and_exit_with_one() {
     let files = Files::new();
-    let missing = files.run(&[
-        "--desired",
-        "nowhere.png",
-        "--current",
-        "current.tiff",
-        "--camera",
-        CAMERA,
-    ]);
+    let missing = files.run(&["--desired", "nowhere.png", "--current", "current.tiff", "--camera", CAMERA]);
     assert_fails(&missing, &["nowhere.png"]);
 
     files.tiff("small.tiff", &Plane::filled(WIDTH - 1, HEIGHT, 0.5));
-    let sizes = files.run(&[
-        "--desired",
-        "desired.tiff",
-        "--current",
-        "small.tiff",
-        "--camera",
-        CAMERA,
-    ]);
+    let sizes = files.run(&["--desired", "desired.tiff", "--current", "small.tiff", "--camera", CAMERA]);
     assert_fails(&sizes, &["desired.tiff", "64x48", "small.tiff", "63x48"]);
 
     files.depth_png("holes.png", |u, _| if u < WIDTH / 2 + 1 { 0 } else { 900 });
     let holes = files.twist(&["--desired-depth", "holes.png"]);
-    assert_fails(
-        &holes,
-        &[
-            "holes.png",
-            &(33 * HEIGHT).to_string(),
-            &(WIDTH * HEIGHT).to_string(),
-            "more than half",
-        ],
-    );
+    assert_fails(&holes, &["holes.png", &(33 * HEIGHT).to_string(), &(WIDTH * HEIGHT).to_string(), "more than half"]);
 
-    assert_fails(
-        &files.twist(&["--desired-depth", "small.tiff"]),
-        &["small.tiff", "63x48", "64x48"],
-    );
+    assert_fails(&files.twist(&["--desired-depth", "small.tiff"]), &["small.tiff", "63x48", "64x48"]);
     assert_fails(&files.twist(&["--order", "4..41"]), &["41", "40"]);
     files.tiff("tiny.tiff", &Plane::filled(30, 24, 0.5));
-    let tiny = [
-        "--desired",
-        "tiny.tiff",
-        "--current",
-        "tiny.tiff",
-        "--camera",
-        CAMERA,
-    ];
+    let tiny = ["--desired", "tiny.tiff", "--current", "tiny.tiff", "--camera", CAMERA];
     let order = files.run(&[&tiny[..], &["--order", "22"]].concat());
     assert_fails(&order, &["tiny.tiff", "22", "21"]);
     assert_fails(&files.twist(&["--gain", "-1"]), &["-1"]);
@@ -435,30 +294,10 @@ fn a_wrong_command_line_exits_with_two_and_says_what_was_expected() {
         ("--epsilon", "nan", "above 0"),
         ("--method", "photographic", "hahn"),
     ] {
-        let options = [
-            "--desired",
-            "desired.tiff",
-            "--current",
-            "current.tiff",
-            option,
-            value,
-        ];
-        let output = if option == "--camera" {
-            files.run(&options)
-        } else {
-            files.twist(&[option, value])
-        };
-        assert_eq!(
-            output.status.code(),
-            Some(2),
-            "{option} {value}: {}",
-            stderr(&output)
-        );
-        assert!(
-            stderr(&output).contains(word),
-            "{option} {value}: {}",
-            stderr(&output)
-        );
+        let options = ["--desired", "desired.tiff", "--current", "current.tiff", option, value];
+        let output = if option == "--camera" { files.run(&options) } else { files.twist(&[option, value]) };
+        assert_eq!(output.status.code(), Some(2), "{option} {value}: {}", stderr(&output));
+        assert!(stderr(&output).contains(word), "{option} {value}: {}", stderr(&output));
     }
 }
 
@@ -468,15 +307,7 @@ fn the_table_is_plain_in_a_pipe_and_coloured_on_demand() {
     let text = |options: &[&str]| String::from_utf8(files.twist(options).stdout).expect("text");
     let plain = text(&[]);
     assert!(!plain.contains('\x1b'), "{plain}");
-    for word in [
-        "linear",
-        "rad/s",
-        "servoing",
-        "hahn",
-        "desired.tiff",
-        "64x48",
-        "1 m everywhere",
-    ] {
+    for word in ["linear", "rad/s", "servoing", "hahn", "desired.tiff", "64x48", "1 m everywhere"] {
         assert!(plain.contains(word), "'{word}' is not in:\n{plain}");
     }
     assert!(text(&["--color", "always"]).contains('\x1b'));
@@ -488,8 +319,5 @@ fn help_explains_the_exit_codes_and_lists_the_command() {
     let output = domvs(folder.path(), &["--help"]);
     assert_eq!(output.status.code(), Some(0));
     let text = String::from_utf8_lossy(&output.stdout);
-    assert!(
-        text.contains("Exit codes") && text.contains("twist"),
-        "{text}"
-    );
+    assert!(text.contains("Exit codes") && text.contains("twist"), "{text}");
 }

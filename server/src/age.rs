@@ -88,7 +88,9 @@ impl AgeEstimator {
 
     /// Drops what is older than the window, but never the last: after a long silence, what comes first may be old.
     fn forget(&mut self, received: Moment) {
-        while self.window.len() > 1 && self.window.front().is_some_and(|&(seen, _)| received.saturating_sub(seen) > WINDOW) {
+        while self.window.len() > 1
+            && self.window.front().is_some_and(|&(seen, _)| received.saturating_sub(seen) > WINDOW)
+        {
             self.window.pop_front();
         }
     }

@@ -46,7 +46,7 @@ fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
             Err(_) => (Lease::None, Duration::MAX, false),
         }
     };
-    if watched && lease == Lease::Client {
+    if watched && lease == Lease::Client && !desk.closing.load(Ordering::Acquire) {
         watch_client(desk, now);
     }
     obey_halt(desk, now);

@@ -66,12 +66,7 @@ impl Default for ServerConfig {
 
 impl Default for Limits {
     fn default() -> Self {
-        Limits {
-            tasks: 64,
-            tasks_per_client: 16,
-            pixels_per_frame: 3840 * 2160,
-            bytes_per_payload: 64 * 1024 * 1024,
-        }
+        Limits { tasks: 64, tasks_per_client: 16, pixels_per_frame: 3840 * 2160, bytes_per_payload: 64 * 1024 * 1024 }
     }
 }
 
@@ -140,7 +135,8 @@ impl ServerConfig {
 
     /// This worker's name: the configured one, or a new random one.
     pub fn worker_name(&self) -> Name {
-        let text = if self.worker.is_empty() { format!("w-{:08x}", rand::random::<u32>()) } else { self.worker.clone() };
+        let text =
+            if self.worker.is_empty() { format!("w-{:08x}", rand::random::<u32>()) } else { self.worker.clone() };
         Name::try_from(text.as_str()).expect("checked names and hexadecimal ones are valid")
     }
 
@@ -160,7 +156,13 @@ impl Lease {
     }
 }
 
-fn check_range(entry: &'static str, expected: &'static str, got: usize, min: usize, max: usize) -> Result<(), ConfigError> {
+fn check_range(
+    entry: &'static str,
+    expected: &'static str,
+    got: usize,
+    min: usize,
+    max: usize,
+) -> Result<(), ConfigError> {
     if (min..=max).contains(&got) { Ok(()) } else { Err(out_of_range(entry, expected, &got.to_string())) }
 }
 

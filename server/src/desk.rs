@@ -163,7 +163,8 @@ impl Desk {
     /// Runs an order and replies with its JSON or its error; a panic in it ends the task, not the worker.
     fn answer(&self, query: &Query, order: impl FnOnce(&Desk) -> Result<Vec<u8>, ErrorReply>) {
         let outcome = self.guarded(|| order(self));
-        let outcome = outcome.unwrap_or_else(|| Err(ErrorReply::new(ErrorCode::Internal, "the task failed; see the worker's log")));
+        let outcome = outcome
+            .unwrap_or_else(|| Err(ErrorReply::new(ErrorCode::Internal, "the task failed; see the worker's log")));
         match outcome {
             Ok(json) => reply_json(query, &json),
             Err(error) => reply_error(query, &error),
@@ -211,12 +212,19 @@ impl Desk {
         self.check_owner(header.secret.as_ref())?;
         let payload = contiguous(query.payload());
         let encoding = query.encoding().map(ToString::to_string).unwrap_or_default();
-        let frame = Frame { header: &header, encoding: &encoding, payload: &payload, received, route: Route::Requested };
+        let frame =
+            Frame { header: &header, encoding: &encoding, payload: &payload, received, route: Route::Requested };
         let mut task = lock(&self.task);
         let status = task.set_target(&frame)?;
         if let Some(recorder) = &self.shared.recorder {
             let key = self.shared.keys.target(&self.key);
-            recorder.target(&key, self.shared.wall_ns(received), &header.encode(), &encoding, query.payload().cloned().unwrap_or_default());
+            recorder.target(
+                &key,
+                self.shared.wall_ns(received),
+                &header.encode(),
+                &encoding,
+                query.payload().cloned().unwrap_or_default(),
+            );
         }
         tracing::info!(task = %self.key, width = header.width, height = header.height, %status, "target set");
         self.said(&task, status)
@@ -250,8 +258,13 @@ impl Desk {
         }
         let payload = contiguous(query.payload());
         let encoding = query.encoding().map(ToString::to_string).unwrap_or_default();
-        let frame =
-            Frame { header: &header, encoding: &encoding, payload: &payload, received: request.received, route: Route::Requested };
+        let frame = Frame {
+            header: &header,
+            encoding: &encoding,
+            payload: &payload,
+            received: request.received,
+            route: Route::Requested,
+        };
         let mut answer = self.compute(&mut lock(&self.task), &frame);
         let waited = self.shared.now().saturating_sub(request.received);
         if answer.is_servoing() && is_past_deadline(header.deadline_us, waited) {
@@ -361,7 +374,13 @@ impl Desk {
         let Some(recorder) = &self.shared.recorder else { return };
         let (received, now) = (self.shared.wall_ns(frame.received), self.shared.wall_ns(self.shared.now()));
         let frame_key = self.shared.keys.frame(&self.key);
-        recorder.frame(&frame_key, received, &frame.header.encode(), frame.encoding, payload.cloned().unwrap_or_default());
+        recorder.frame(
+            &frame_key,
+            received,
+            &frame.header.encode(),
+            frame.encoding,
+            payload.cloned().unwrap_or_default(),
+        );
         recorder.twist(key, now, answer.encode());
     }
 

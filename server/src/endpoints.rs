@@ -9,7 +9,7 @@ use domvs_proto::body;
 use domvs_proto::keys::{Keys, TaskKey};
 use domvs_proto::settings::Frames;
 use domvs_proto::status::Status;
-use domvs_proto::twist::{TWIST_ENCODING, TwistMessage};
+use domvs_proto::twist::TWIST_ENCODING;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority};
@@ -18,6 +18,7 @@ use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 use crate::desk::{Desk, Order, PushedFrame, TwistRequest, lock};
+use crate::outlet::Publish;
 use crate::worker::{Job, Shared};
 
 /// What a task publishes besides `command`.
@@ -51,11 +52,7 @@ impl Publications {
 }
 
 /// A function that publishes on `command`: before all other traffic, never waiting.
-pub(crate) fn command(
-    session: &Session,
-    keys: &Keys,
-    task: &TaskKey,
-) -> zenoh::Result<Box<dyn Fn(&TwistMessage) + Send>> {
+pub(crate) fn command(session: &Session, keys: &Keys, task: &TaskKey) -> zenoh::Result<Publish> {
     let publisher = session
         .declare_publisher(keys.command(task))
         .encoding(TWIST_ENCODING)

@@ -1,7 +1,9 @@
 //! From what a client set to what the law takes. The two crates know nothing of each other; here they meet.
 
 use domvs_proto::settings::{self, TaskSettings};
-use domvs_vision::{CameraError, Gain, Intrinsics, KrawtchoukP, Lattice, Law, Method, OrderError, OrderRule, StepCap, Window};
+use domvs_vision::{
+    CameraError, Gain, Intrinsics, KrawtchoukP, Lattice, Law, Method, OrderError, OrderRule, StepCap, Window,
+};
 
 use crate::governor::AccelerationLimits;
 use crate::task::Route;
@@ -22,7 +24,9 @@ pub fn law(settings: &TaskSettings) -> Result<Law, OrderError> {
         },
         order,
         gain: gain(settings, Route::Requested),
-        step_cap: settings.step_cap.map(|cap| StepCap { translation_m: cap.translation_m, rotation_rad: cap.rotation_rad }),
+        step_cap: settings
+            .step_cap
+            .map(|cap| StepCap { translation_m: cap.translation_m, rotation_rad: cap.rotation_rad }),
         degrees_of_freedom: settings.degrees_of_freedom,
     })
 }
@@ -68,10 +72,8 @@ pub fn gain(settings: &TaskSettings, route: Route) -> Gain {
         settings::Gain::StepFraction(fraction) => {
             Gain::StepFraction { fraction, frame_period_s: settings.frame_period_s }
         }
-        settings::Gain::Adaptive(gain) => Gain::Adaptive {
-            at_zero: gain.at_zero,
-            at_infinity: gain.at_infinity,
-            slope_at_zero: gain.slope_at_zero,
-        },
+        settings::Gain::Adaptive(gain) => {
+            Gain::Adaptive { at_zero: gain.at_zero, at_infinity: gain.at_infinity, slope_at_zero: gain.slope_at_zero }
+        }
     }
 }

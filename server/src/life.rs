@@ -169,7 +169,9 @@ impl Life {
 fn is_close(step: &Step, stop: &Stop) -> bool {
     let [x, y, z, rx, ry, rz] = step.gauss_newton;
     let (translation, rotation) = ((x * x + y * y + z * z).sqrt(), (rx * rx + ry * ry + rz * rz).sqrt());
-    translation <= stop.step_m && rotation <= stop.step_rad && stop.pixel_mse.is_none_or(|bound| step.pixel_mse <= bound)
+    translation <= stop.step_m
+        && rotation <= stop.step_rad
+        && stop.pixel_mse.is_none_or(|bound| step.pixel_mse <= bound)
 }
 
 /// Twice the initial pixel error, and 0.01 more: a large displacement may raise it for a while, not that far.

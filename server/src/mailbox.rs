@@ -135,7 +135,10 @@ mod tests {
     #[test]
     fn a_full_queue_gives_the_request_back() {
         let mailbox = mailbox();
-        assert_eq!((mailbox.push_request(1), mailbox.push_request(2), mailbox.push_request(3)), (Ok(()), Ok(()), Err(3)));
+        assert_eq!(
+            (mailbox.push_request(1), mailbox.push_request(2), mailbox.push_request(3)),
+            (Ok(()), Ok(()), Err(3))
+        );
         mailbox.put_frame(7);
         assert_eq!(mailbox.discard_images(), (vec![1, 2], Some(7)));
         assert!(!mailbox.has_items());

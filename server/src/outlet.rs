@@ -15,10 +15,13 @@ use crate::governor::Governor;
 /// Zeros are repeated this often while a task is not servoing: 10 Hz.
 pub const ZERO_PERIOD: Duration = Duration::from_millis(100);
 
+/// Sends one message; never waits.
+pub type Publish = Box<dyn Fn(&TwistMessage) + Send>;
+
 /// The way out of one task.
 pub struct Outlet {
     governor: Governor,
-    publish: Box<dyn Fn(&TwistMessage) + Send>,
+    publish: Publish,
     /// Repeated as zeros: what the task said last, without its twist.
     last: TwistMessage,
     halted: Option<Status>,
@@ -26,7 +29,7 @@ pub struct Outlet {
 
 impl Outlet {
     /// An outlet at rest, which hands every message to `publish`.
-    pub fn new(governor: Governor, first: TwistMessage, publish: Box<dyn Fn(&TwistMessage) + Send>) -> Outlet {
+    pub fn new(governor: Governor, first: TwistMessage, publish: Publish) -> Outlet {
         Outlet { governor, publish, last: first, halted: None }
     }
 

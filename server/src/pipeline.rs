@@ -83,7 +83,10 @@ fn compute(task: &mut Task, frame: &Frame<'_>, now: Moment, answer: &mut TwistMe
     let current_filled = update_depth(&mut target.depth, &task.settings, depth_plane)?;
 
     // Checked settings cannot make a gain that the law refuses.
-    target.servo.set_gain(gain(&task.settings, frame.route)).map_err(|error| Refusal::because(Status::Internal, error))?;
+    target
+        .servo
+        .set_gain(gain(&task.settings, frame.route))
+        .map_err(|error| Refusal::because(Status::Internal, error))?;
     let step = target
         .servo
         .step(View { image, depth: &target.depth })
@@ -137,7 +140,8 @@ fn check_size(image: &Plane<f32>, settings: &TaskSettings) -> Result<(), Refusal
     if expected.map(|side| side as usize) == got {
         return Ok(());
     }
-    let detail = format!("expected {}x{} pixels as the target has, got {}x{}", expected[0], expected[1], got[0], got[1]);
+    let detail =
+        format!("expected {}x{} pixels as the target has, got {}x{}", expected[0], expected[1], got[0], got[1]);
     Err(Refusal::because(Status::BadFrame, detail))
 }
 
@@ -157,7 +161,8 @@ fn update_depth(depth: &mut Depth<f32>, settings: &TaskSettings, plane: Option<&
     };
     let no_depth = |detail: String| Refusal::because(Status::NoDepth, detail);
     let Some(plane) = plane else {
-        let depth_m = fallback_m.ok_or_else(|| no_depth("the frame has no depth plane and there is no fallback_m".into()))?;
+        let depth_m =
+            fallback_m.ok_or_else(|| no_depth("the frame has no depth plane and there is no fallback_m".into()))?;
         *depth = Depth::Constant { depth_m };
         return Ok(true);
     };

@@ -11,12 +11,12 @@ use domvs_proto::status::Status;
 use domvs_vision::{Depth, DepthMap, HoleFill, Plane, Servo, Twist, View};
 use serde_json::Value;
 
+use crate::Moment;
 use crate::age::AgeEstimator;
 use crate::decode::{DecodeLimits, Decoder, invert};
 use crate::law::{intrinsics, law};
 use crate::life::Life;
 use crate::screen::{FLAT_BELOW, FreezeDetector, contrast};
-use crate::Moment;
 
 /// How a frame came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -211,7 +211,8 @@ impl Task {
         let camera = settings.camera;
         if sent.size != [camera.width as usize, camera.height as usize] {
             let [width, height] = sent.size;
-            let error = format!("the camera has {}x{} pixels, the target {width}x{height}", camera.width, camera.height);
+            let error =
+                format!("the camera has {}x{} pixels, the target {width}x{height}", camera.width, camera.height);
             return Err(bad(&error));
         }
         if settings.preprocess.invert {
@@ -219,7 +220,9 @@ impl Task {
         }
         let contrast = contrast(&image);
         if contrast < FLAT_BELOW {
-            return Err(bad(&format!("the target is flat: its contrast must be at least {FLAT_BELOW}, got {contrast:.4}")));
+            return Err(bad(&format!(
+                "the target is flat: its contrast must be at least {FLAT_BELOW}, got {contrast:.4}"
+            )));
         }
         let (depth, filled) = target_depth(settings.depth, decoded.depth).map_err(|error| bad(&error))?;
         let law = law(settings).map_err(|error| bad(&error))?;

@@ -351,7 +351,9 @@ impl Registrar {
         let desks = lock(&self.shared.desks);
         let limits = &self.shared.config.limits;
         let of_client = desks.keys().filter(|task| task.client == *client).count();
-        let quota = |what: &str, limit: usize| Err(ErrorReply::new(ErrorCode::Quota, format!("{what} may have {limit} tasks, and has them")));
+        let quota = |what: &str, limit: usize| {
+            Err(ErrorReply::new(ErrorCode::Quota, format!("{what} may have {limit} tasks, and has them")))
+        };
         if desks.len() >= limits.tasks {
             return quota("this worker", limits.tasks);
         }
@@ -365,7 +367,10 @@ impl Registrar {
         let limit = self.shared.config.limits.pixels_per_frame as u64;
         let pixels = u64::from(settings.camera.width) * u64::from(settings.camera.height);
         if pixels > limit {
-            return Err(ErrorReply::new(ErrorCode::Quota, format!("an image may have {limit} pixels, the camera has {pixels}")));
+            return Err(ErrorReply::new(
+                ErrorCode::Quota,
+                format!("an image may have {limit} pixels, the camera has {pixels}"),
+            ));
         }
         if let domvs_proto::settings::Frames::Key(key) = &settings.frames
             && let Err(error) = KeyExpr::new(key.as_str())
@@ -442,7 +447,8 @@ fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zeno
 
 /// Generation 1 and 16 bits of the worker's name (FNV-1a, folded), so that two workers do not share an epoch.
 fn epoch(worker: &Name) -> u32 {
-    let hash = worker.as_str().bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+    let hash =
+        worker.as_str().bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
     1 << 16 | (hash >> 16 ^ hash) & 0xffff
 }
 

@@ -57,9 +57,12 @@ pub fn run(args: &ServeArgs, paint: Paint) -> anyhow::Result<ExitCode> {
 async fn serve(args: &ServeArgs, config: ServerConfig, paint: Paint) -> anyhow::Result<ExitCode> {
     // Before anything is announced: a signal from here on ends the service in order.
     let mut signals = [signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?];
-    let session = zenoh::open(session_config(args)?)
-        .await
-        .map_err(|error| anyhow::Error::from_boxed(error).context(unreachable_hint(args)))?;
+    // A configuration may make Zenoh wait for its router for ever.
+    let session = tokio::select! {
+        session = zenoh::open(session_config(args)?) => session,
+        () = any(&mut signals) => bail!("ended by a signal before the router was found"),
+    };
+    let session = session.map_err(|error| anyhow::Error::from_boxed(error).context(unreachable_hint(args)))?;
     let record = config.record.clone();
     let service = Service::start(config, session).await?;
     print_line(&format!("worker {} is ready on {}", paint.bold(service.worker().as_str()), place(args)))?;

@@ -139,9 +139,7 @@ fn told(truth: &Truth) -> String {
 fn follow(who: &str) -> anyhow::Result<Follow> {
     match who {
         "nobody" => Ok(Follow::Nobody),
-        _ if who.contains('/') => {
-            Ok(Follow::Task(who.parse::<TaskKey>().with_context(|| format!("--follow {who}"))?))
-        }
+        _ if who.contains('/') => Ok(Follow::Task(who.parse::<TaskKey>().with_context(|| format!("--follow {who}"))?)),
         _ => Ok(Follow::Client(Name::try_from(who).with_context(|| format!("--follow {who}"))?)),
     }
 }

@@ -16,8 +16,8 @@ use self::answer::Answer;
 use self::inputs::Inputs;
 use crate::exit;
 use crate::options::{
-    CameraOption, DepthOption, KrawtchoukOption, LatticeOption, MethodOption, OrderOption,
-    WindowOption, finite, positive,
+    CameraOption, DepthOption, KrawtchoukOption, LatticeOption, MethodOption, OrderOption, WindowOption, finite,
+    positive,
 };
 use crate::paint::{Paint, print_line};
 
@@ -64,12 +64,7 @@ pub struct TwistArgs {
     pub method: MethodOption,
 
     /// Order of the moments: one number, or a range to adapt in (both ends included)
-    #[arg(
-        long,
-        value_name = "N|MIN..MAX",
-        default_value_t,
-        allow_hyphen_values = true
-    )]
+    #[arg(long, value_name = "N|MIN..MAX", default_value_t, allow_hyphen_values = true)]
     pub order: OrderOption,
 
     /// Hahn's window: adaptive (as the authors' program), adaptive_paper (as printed), a,b or ax,bx,ay,by;
@@ -120,22 +115,16 @@ Exit codes: 0 there is an answer, 1 an error, 2 the command line was not underst
 pub fn run(args: &TwistArgs, paint: Paint) -> anyhow::Result<ExitCode> {
     let inputs = Inputs::read(args)?;
     let answer = Answer::new(&solve(args, &inputs)?);
-    let text = if args.json {
-        serde_json::to_string(&answer)?
-    } else {
-        answer.text(args, &inputs, paint)
-    };
+    let text = if args.json { serde_json::to_string(&answer)? } else { answer.text(args, &inputs, paint) };
     print_line(&text).context("cannot write the answer")?;
     Ok(exit::done())
 }
 
 fn solve(args: &TwistArgs, inputs: &Inputs) -> anyhow::Result<Step> {
-    let mut servo = Servo::new(law(args)?, inputs.camera, inputs.desired.view())
-        .with_context(|| inputs.desired.name.clone())?;
+    let mut servo =
+        Servo::new(law(args)?, inputs.camera, inputs.desired.view()).with_context(|| inputs.desired.name.clone())?;
     if let Some(initial) = &inputs.initial {
-        servo
-            .set_initial(&initial.plane)
-            .with_context(|| initial.name.clone())?;
+        servo.set_initial(&initial.plane).with_context(|| initial.name.clone())?;
     }
     servo
         .step(inputs.current.view())

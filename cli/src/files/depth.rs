@@ -24,32 +24,17 @@ pub struct DepthFile {
 /// Fails, naming the file, when it cannot be read, is colour or 8-bit, or when over half of its depths are unknown.
 pub fn read_depth(path: &Path, unit_m: f64) -> anyhow::Result<DepthFile> {
     let raster = read_raster(path)?;
-    ensure!(
-        raster.channels == 1,
-        "{}: a depth map has one channel, got {}",
-        path.display(),
-        raster.kind()
-    );
+    ensure!(raster.channels == 1, "{}: a depth map has one channel, got {}", path.display(), raster.kind());
     let kind = raster.kind();
     let metres: Vec<f64> = match raster.samples {
-        Samples::U16(counts) => counts
-            .into_iter()
-            .map(|count| f64::from(count) * unit_m)
-            .collect(),
+        Samples::U16(counts) => counts.into_iter().map(|count| f64::from(count) * unit_m).collect(),
         Samples::F32(metres) => metres.into_iter().map(f64::from).collect(),
         Samples::F64(metres) => metres,
         Samples::U8(_) => {
-            bail!(
-                "{}: a depth map is a 16-bit PNG or a 32-bit float TIFF in metres, got {kind}",
-                path.display()
-            )
+            bail!("{}: a depth map is a 16-bit PNG or a 32-bit float TIFF in metres, got {kind}", path.display())
         }
     };
-    let mut known: Vec<f64> = metres
-        .iter()
-        .copied()
-        .filter(|depth| depth.is_finite() && *depth > 0.0)
-        .collect();
+    let mut known: Vec<f64> = metres.iter().copied().filter(|depth| depth.is_finite() && *depth > 0.0).collect();
     let unknown = metres.len() - known.len();
     ensure!(
         2 * unknown <= metres.len(),
@@ -58,13 +43,8 @@ pub fn read_depth(path: &Path, unit_m: f64) -> anyhow::Result<DepthFile> {
         metres.len()
     );
     let median_m = median(&mut known);
-    let metres = Plane::new(raster.width, raster.height, metres)
-        .with_context(|| format!("{}", path.display()))?;
-    Ok(DepthFile {
-        metres,
-        unknown,
-        median_m,
-    })
+    let metres = Plane::new(raster.width, raster.height, metres).with_context(|| format!("{}", path.display()))?;
+    Ok(DepthFile { metres, unknown, median_m })
 }
 
 /// The middle value, the upper one of two; NaN of nothing.
@@ -84,8 +64,7 @@ mod tests {
 
     fn write_counts(folder: &tempfile::TempDir, counts: &[u16]) -> PathBuf {
         let path = folder.path().join("depth.png");
-        let image =
-            ImageBuffer::<Luma<u16>, _>::from_raw(4, 2, counts.to_vec()).expect("eight counts");
+        let image = ImageBuffer::<Luma<u16>, _>::from_raw(4, 2, counts.to_vec()).expect("eight counts");
         image.save(&path).expect("a PNG");
         path
     }
@@ -105,10 +84,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = write_counts(&folder, &[500, 600, 0, 0, 0, 0, 65535, 0]);
         let error = format!("{:#}", read_depth(&path, 1e-3).expect_err("too many holes"));
-        assert!(
-            error.contains("depth.png") && error.contains("5 of 8"),
-            "{error}"
-        );
+        assert!(error.contains("depth.png") && error.contains("5 of 8"), "{error}");
     }
 
     #[test]

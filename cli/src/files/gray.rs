@@ -16,12 +16,7 @@ pub fn read_gray(path: &Path) -> anyhow::Result<Plane<f64>> {
     let raster = read_raster(path)?;
     let gray = gray_samples(&raster);
     let unusable = gray.iter().filter(|value| !value.is_finite()).count();
-    ensure!(
-        unusable == 0,
-        "{}: {unusable} of {} samples are not finite",
-        path.display(),
-        gray.len()
-    );
+    ensure!(unusable == 0, "{}: {unusable} of {} samples are not finite", path.display(), gray.len());
     Plane::new(raster.width, raster.height, gray).with_context(|| format!("{}", path.display()))
 }
 
@@ -39,8 +34,7 @@ fn to_gray<S: Copy + Into<f64>>(samples: &[S], channels: usize, white: f64) -> V
     if channels < 3 {
         return pixels.map(|pixel| pixel[0].into() / white).collect();
     }
-    let luma =
-        |pixel: &[S]| 0.299 * pixel[0].into() + 0.587 * pixel[1].into() + 0.114 * pixel[2].into();
+    let luma = |pixel: &[S]| 0.299 * pixel[0].into() + 0.587 * pixel[1].into() + 0.114 * pixel[2].into();
     pixels.map(|pixel| luma(pixel) / white).collect()
 }
 
@@ -59,9 +53,7 @@ mod tests {
     fn eight_bit_colour_is_weighted_and_not_rounded() {
         let (folder, name) = (folder(), "colour.png");
         let path = folder.path().join(name);
-        RgbImage::from_pixel(2, 3, Rgb([10, 200, 77]))
-            .save(&path)
-            .expect("a PNG");
+        RgbImage::from_pixel(2, 3, Rgb([10, 200, 77])).save(&path).expect("a PNG");
         let plane = read_gray(&path).expect("a gray plane");
         assert_eq!((plane.width(), plane.height()), (2, 3));
         let expected = (0.299 * 10.0 + 0.587 * 200.0 + 0.114 * 77.0) / 255.0;
@@ -72,21 +64,11 @@ mod tests {
     fn sixteen_bit_gray_is_over_65535_and_alpha_is_left_out() {
         let folder = folder();
         let deep = folder.path().join("deep.png");
-        ImageBuffer::<Luma<u16>, _>::from_pixel(3, 2, Luma([513]))
-            .save(&deep)
-            .expect("a PNG");
-        assert_eq!(
-            read_gray(&deep).expect("a gray plane").at(0, 0),
-            513.0 / 65535.0
-        );
+        ImageBuffer::<Luma<u16>, _>::from_pixel(3, 2, Luma([513])).save(&deep).expect("a PNG");
+        assert_eq!(read_gray(&deep).expect("a gray plane").at(0, 0), 513.0 / 65535.0);
         let alpha = folder.path().join("alpha.png");
-        GrayAlphaImage::from_pixel(3, 2, LumaA([51, 7]))
-            .save(&alpha)
-            .expect("a PNG");
-        assert_eq!(
-            read_gray(&alpha).expect("a gray plane").at(2, 1),
-            51.0 / 255.0
-        );
+        GrayAlphaImage::from_pixel(3, 2, LumaA([51, 7])).save(&alpha).expect("a PNG");
+        assert_eq!(read_gray(&alpha).expect("a gray plane").at(2, 1), 51.0 / 255.0);
     }
 
     #[test]
@@ -94,9 +76,7 @@ mod tests {
         let folder = folder();
         let path = folder.path().join("really-a-jpeg.png");
         let image = RgbImage::from_pixel(16, 16, Rgb([128, 128, 128]));
-        image
-            .save_with_format(&path, image::ImageFormat::Jpeg)
-            .expect("a JPEG");
+        image.save_with_format(&path, image::ImageFormat::Jpeg).expect("a JPEG");
         let value = read_gray(&path).expect("a gray plane").at(8, 8);
         // JPEG quantisation: at most one level off on a flat image.
         assert!((value - 128.0 / 255.0).abs() <= 1.0 / 255.0, "{value}");
@@ -126,8 +106,7 @@ mod tests {
         let path = write_tiff::<colortype::Gray64Float>("f64.tiff", folder.path(), &doubles);
         assert_eq!(read_gray(&path).expect("a gray plane").samples(), doubles);
 
-        let path =
-            write_tiff::<colortype::Gray16>("u16.tiff", folder.path(), &[0, 1, 2, 3, 4, 65535]);
+        let path = write_tiff::<colortype::Gray16>("u16.tiff", folder.path(), &[0, 1, 2, 3, 4, 65535]);
         assert_eq!(read_gray(&path).expect("a gray plane").at(2, 1), 1.0);
         let path = write_tiff::<colortype::Gray8>("u8.tiff", folder.path(), &[0, 1, 2, 3, 4, 51]);
         assert_eq!(read_gray(&path).expect("a gray plane").at(2, 1), 0.2);
@@ -139,27 +118,18 @@ mod tests {
         let floats = [f32::NAN, 0.0, f32::INFINITY, 0.5, 0.5, 0.5];
         let path = write_tiff::<colortype::Gray32Float>("holes.tiff", folder.path(), &floats);
         let error = format!("{:#}", read_gray(&path).expect_err("no image"));
-        assert!(
-            error.contains("holes.tiff") && error.contains("2 of 6"),
-            "{error}"
-        );
+        assert!(error.contains("holes.tiff") && error.contains("2 of 6"), "{error}");
     }
 
     #[test]
     fn what_is_no_image_is_refused_with_its_name() {
         let folder = folder();
-        let missing = format!(
-            "{:#}",
-            read_gray(&folder.path().join("no.png")).expect_err("no file")
-        );
+        let missing = format!("{:#}", read_gray(&folder.path().join("no.png")).expect_err("no file"));
         assert!(missing.contains("no.png"), "{missing}");
         let path = folder.path().join("text.png");
         std::fs::write(&path, "not an image at all").expect("a file");
         let error = format!("{:#}", read_gray(&path).expect_err("no image"));
-        assert!(
-            error.contains("text.png") && error.contains("neither PNG"),
-            "{error}"
-        );
+        assert!(error.contains("text.png") && error.contains("neither PNG"), "{error}");
     }
 
     #[test]
@@ -167,9 +137,6 @@ mod tests {
         let folder = folder();
         let image = Rgb32FImage::from_pixel(3, 2, Rgb([0.5, 0.25, 1.0]));
         let path = write_tiff::<colortype::RGB32Float>("rgb.tiff", folder.path(), image.as_raw());
-        assert_eq!(
-            read_gray(&path).expect("a gray plane").at(0, 0),
-            0.299 * 0.5 + 0.587 * 0.25 + 0.114
-        );
+        assert_eq!(read_gray(&path).expect("a gray plane").at(0, 0), 0.299 * 0.5 + 0.587 * 0.25 + 0.114);
     }
 }

@@ -25,10 +25,7 @@ impl FromStr for CameraOption {
         if fx <= 0.0 || fy <= 0.0 {
             return Err(format!("focal lengths must be positive, got {fx},{fy} px"));
         }
-        Ok(CameraOption {
-            focal_px: [fx, fy],
-            center_px: [cx, cy],
-        })
+        Ok(CameraOption { focal_px: [fx, fy], center_px: [cx, cy] })
     }
 }
 
@@ -47,9 +44,7 @@ impl FromStr for DepthOption {
     fn from_str(text: &str) -> Result<DepthOption, String> {
         match text.trim().parse::<f64>() {
             Ok(metres) if metres.is_finite() && metres > 0.0 => Ok(DepthOption::Metres(metres)),
-            Ok(metres) => Err(format!(
-                "a depth must be a positive number of metres, got {metres}"
-            )),
+            Ok(metres) => Err(format!("a depth must be a positive number of metres, got {metres}")),
             Err(_) => Ok(DepthOption::File(PathBuf::from(text))),
         }
     }
@@ -62,20 +57,8 @@ mod tests {
     #[test]
     fn a_camera_has_four_numbers_and_positive_focal_lengths() {
         let camera = "6e2,601.5,-3,239.5".parse();
-        assert_eq!(
-            camera,
-            Ok(CameraOption {
-                focal_px: [600.0, 601.5],
-                center_px: [-3.0, 239.5]
-            })
-        );
-        for bad in [
-            "600,600,320",
-            "0,600,320,240",
-            "600,-1,320,240",
-            "a,b,c,d",
-            "600,600,320,inf",
-        ] {
+        assert_eq!(camera, Ok(CameraOption { focal_px: [600.0, 601.5], center_px: [-3.0, 239.5] }));
+        for bad in ["600,600,320", "0,600,320,240", "600,-1,320,240", "a,b,c,d", "600,600,320,inf"] {
             assert!(bad.parse::<CameraOption>().is_err(), "'{bad}'");
         }
     }
@@ -84,10 +67,7 @@ mod tests {
     fn a_depth_is_metres_or_a_file_and_never_zero() {
         assert_eq!("0.5".parse(), Ok(DepthOption::Metres(0.5)));
         assert_eq!("5e-1".parse(), Ok(DepthOption::Metres(0.5)));
-        assert_eq!(
-            "depth.png".parse(),
-            Ok(DepthOption::File(PathBuf::from("depth.png")))
-        );
+        assert_eq!("depth.png".parse(), Ok(DepthOption::File(PathBuf::from("depth.png"))));
         for bad in ["0", "-1", "nan", "inf"] {
             assert!(bad.parse::<DepthOption>().is_err(), "'{bad}'");
         }

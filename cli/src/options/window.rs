@@ -26,10 +26,7 @@ pub enum WindowOption {
 
 impl Default for WindowOption {
     fn default() -> WindowOption {
-        WindowOption::Fixed {
-            x: [8.0, 8.0],
-            y: [8.0, 8.0],
-        }
+        WindowOption::Fixed { x: [8.0, 8.0], y: [8.0, 8.0] }
     }
 }
 
@@ -37,11 +34,7 @@ impl FromStr for WindowOption {
     type Err = String;
 
     fn from_str(text: &str) -> Result<WindowOption, String> {
-        let wanted = || {
-            format!(
-                "expected adaptive, adaptive_paper, a,b or ax,bx,ay,by with numbers ≥ 0, got '{text}'"
-            )
-        };
+        let wanted = || format!("expected adaptive, adaptive_paper, a,b or ax,bx,ay,by with numbers ≥ 0, got '{text}'");
         match text {
             "adaptive" => return Ok(WindowOption::Adaptive),
             "adaptive_paper" | "adaptive-paper" => return Ok(WindowOption::AdaptivePaper),
@@ -52,14 +45,8 @@ impl FromStr for WindowOption {
             return Err(wanted());
         }
         match numbers[..] {
-            [a, b] => Ok(WindowOption::Fixed {
-                x: [a, b],
-                y: [a, b],
-            }),
-            [ax, bx, ay, by] => Ok(WindowOption::Fixed {
-                x: [ax, bx],
-                y: [ay, by],
-            }),
+            [a, b] => Ok(WindowOption::Fixed { x: [a, b], y: [a, b] }),
+            [ax, bx, ay, by] => Ok(WindowOption::Fixed { x: [ax, bx], y: [ay, by] }),
             _ => Err(wanted()),
         }
     }
@@ -104,12 +91,8 @@ impl FromStr for KrawtchoukOption {
             return Ok(KrawtchoukOption::Adaptive);
         }
         match numbers(text).as_deref() {
-            Some(&[x, y]) if x > 0.0 && x < 1.0 && y > 0.0 && y < 1.0 => {
-                Ok(KrawtchoukOption::Fixed([x, y]))
-            }
-            _ => Err(format!(
-                "expected adaptive or px,py with both between 0 and 1, got '{text}'"
-            )),
+            Some(&[x, y]) if x > 0.0 && x < 1.0 && y > 0.0 && y < 1.0 => Ok(KrawtchoukOption::Fixed([x, y])),
+            _ => Err(format!("expected adaptive or px,py with both between 0 and 1, got '{text}'")),
         }
     }
 }
@@ -159,20 +142,8 @@ mod tests {
     fn a_window_is_a_rule_or_two_or_four_numbers() {
         assert_eq!("adaptive".parse(), Ok(WindowOption::Adaptive));
         assert_eq!("adaptive_paper".parse(), Ok(WindowOption::AdaptivePaper));
-        assert_eq!(
-            "8,7".parse(),
-            Ok(WindowOption::Fixed {
-                x: [8.0, 7.0],
-                y: [8.0, 7.0]
-            })
-        );
-        assert_eq!(
-            "6,6,4,5.5".parse(),
-            Ok(WindowOption::Fixed {
-                x: [6.0, 6.0],
-                y: [4.0, 5.5]
-            })
-        );
+        assert_eq!("8,7".parse(), Ok(WindowOption::Fixed { x: [8.0, 7.0], y: [8.0, 7.0] }));
+        assert_eq!("6,6,4,5.5".parse(), Ok(WindowOption::Fixed { x: [6.0, 6.0], y: [4.0, 5.5] }));
         for bad in ["", "8", "8,8,8", "8,-1", "8,nan", "wide"] {
             assert!(bad.parse::<WindowOption>().is_err(), "'{bad}'");
         }

@@ -16,20 +16,13 @@ pub struct LiveLine {
 impl LiveLine {
     /// A line that starts with `title`, for example the method; it appears with the first row.
     pub fn new(title: &str, paint: Paint) -> LiveLine {
-        let target = if stderr().is_terminal() {
-            ProgressDrawTarget::stderr()
-        } else {
-            ProgressDrawTarget::hidden()
-        };
+        let target = if stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let template = match paint.colored {
             true => "{spinner:.green} {prefix:.bold} {wide_msg}",
             false => "{spinner} {prefix} {wide_msg}",
         };
-        let style =
-            ProgressStyle::with_template(template).expect("the template is a constant that parses");
-        let bar = ProgressBar::with_draw_target(None, target)
-            .with_style(style)
-            .with_prefix(title.to_owned());
+        let style = ProgressStyle::with_template(template).expect("the template is a constant that parses");
+        let bar = ProgressBar::with_draw_target(None, target).with_style(style).with_prefix(title.to_owned());
         LiveLine { bar }
     }
 
@@ -55,11 +48,7 @@ fn line(row: &RunRow) -> String {
     format!(
         "image {:>4}  pixel error {}  order {:>2}  {:>7} mm {:>6}°  {}",
         row.image,
-        if row.pixel_mse.is_finite() {
-            format!("{:.2e}", row.pixel_mse)
-        } else {
-            "–".to_owned()
-        },
+        if row.pixel_mse.is_finite() { format!("{:.2e}", row.pixel_mse) } else { "–".to_owned() },
         row.order,
         number(row.error_mm),
         number(row.error_deg),
@@ -76,23 +65,13 @@ mod tests {
     fn a_line_says_where_the_run_is_and_fits_eighty_columns() {
         let record = synthetic::run();
         let text = line(&record.rows[0]);
-        assert_eq!(
-            text,
-            "image    0  pixel error 6.10e-2  order  4    662.0 mm  35.10°  servoing"
-        );
-        assert!(
-            record
-                .rows
-                .iter()
-                .all(|row| line(row).chars().count() <= 78)
-        );
+        assert_eq!(text, "image    0  pixel error 6.10e-2  order  4    662.0 mm  35.10°  servoing");
+        assert!(record.rows.iter().all(|row| line(row).chars().count() <= 78));
     }
 
     #[test]
     fn a_live_line_without_a_terminal_draws_nothing_and_does_not_fail() {
-        let live = LiveLine {
-            bar: ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden()),
-        };
+        let live = LiveLine { bar: ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden()) };
         live.say("waiting");
         live.show(&RunRow::empty(0));
         assert!(live.bar.is_hidden());

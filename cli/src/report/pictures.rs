@@ -23,23 +23,15 @@ pub fn write_pictures(folder: &Path, images: &RunImages<'_>) -> anyhow::Result<(
     write_gray(&folder.join("desired.png"), images.desired)?;
     write_gray(&folder.join("initial.png"), images.initial)?;
     write_gray(&folder.join("final.png"), images.last)?;
-    write_gray(
-        &folder.join("difference.png"),
-        &difference(images.last, images.desired)?,
-    )
+    write_gray(&folder.join("difference.png"), &difference(images.last, images.desired)?)
 }
 
 /// (1 + I − I*) / 2.
 fn difference(image: &Plane<f32>, desired: &Plane<f32>) -> anyhow::Result<Plane<f32>> {
     let (got, expected) = (size(image), size(desired));
-    ensure!(
-        got == expected,
-        "the desired image is {expected:?} pixels, the final one {got:?}"
-    );
+    ensure!(got == expected, "the desired image is {expected:?} pixels, the final one {got:?}");
     let (width, height) = expected;
-    Ok(Plane::from_fn(width, height, |u, v| {
-        0.5 + 0.5 * (image.at(u, v) - desired.at(u, v))
-    }))
+    Ok(Plane::from_fn(width, height, |u, v| 0.5 + 0.5 * (image.at(u, v) - desired.at(u, v))))
 }
 
 fn size(plane: &Plane<f32>) -> (usize, usize) {
@@ -47,18 +39,11 @@ fn size(plane: &Plane<f32>) -> (usize, usize) {
 }
 
 fn write_gray(path: &Path, plane: &Plane<f32>) -> anyhow::Result<()> {
-    let levels = plane
-        .samples()
-        .iter()
-        .map(|&value| (value.clamp(0.0, 1.0) * 255.0).round() as u8)
-        .collect();
+    let levels = plane.samples().iter().map(|&value| (value.clamp(0.0, 1.0) * 255.0).round() as u8).collect();
     let (width, height) = size(plane);
     let (columns, rows) = (u32::try_from(width)?, u32::try_from(height)?);
-    let image =
-        GrayImage::from_raw(columns, rows, levels).expect("a plane has width x height samples");
-    image
-        .save(path)
-        .with_context(|| format!("cannot write {}", path.display()))
+    let image = GrayImage::from_raw(columns, rows, levels).expect("a plane has width x height samples");
+    image.save(path).with_context(|| format!("cannot write {}", path.display()))
 }
 
 #[cfg(test)]
@@ -70,21 +55,13 @@ mod tests {
         let desired = Plane::filled(4, 3, 0.5f32);
         let last = Plane::from_fn(4, 3, |u, _| if u == 0 { 1.0 } else { 0.5 });
         let folder = tempfile::tempdir().expect("a temporary folder");
-        let images = RunImages {
-            desired: &desired,
-            initial: &last,
-            last: &last,
-        };
+        let images = RunImages { desired: &desired, initial: &last, last: &last };
         write_pictures(folder.path(), &images).expect("four pictures");
-        let difference = image::open(folder.path().join("difference.png"))
-            .expect("a PNG")
-            .into_luma8();
+        let difference = image::open(folder.path().join("difference.png")).expect("a PNG").into_luma8();
         assert_eq!(difference.dimensions(), (4, 3));
         assert_eq!(difference.get_pixel(1, 1).0, [128]);
         assert_eq!(difference.get_pixel(0, 1).0, [191]);
-        let initial = image::open(folder.path().join("initial.png"))
-            .expect("a PNG")
-            .into_luma8();
+        let initial = image::open(folder.path().join("initial.png")).expect("a PNG").into_luma8();
         assert_eq!(initial.get_pixel(0, 0).0, [255]);
     }
 

@@ -22,20 +22,13 @@ pub fn write_plots(folder: &Path, record: &RunRecord) -> anyhow::Result<()> {
 
 fn pixel_error(rows: &[RunRow], name: &str) -> Panel {
     let series = vec![over_images("", rows, |row| row.pixel_mse)];
-    Panel {
-        title: format!("Pixel error · {name}"),
-        y_label: "mean of (I − I*)²".into(),
-        scale: Scale::Log,
-        series,
-    }
+    Panel { title: format!("Pixel error · {name}"), y_label: "mean of (I − I*)²".into(), scale: Scale::Log, series }
 }
 
 fn twist(rows: &[RunRow], name: &str) -> [Panel; 2] {
     let axes = |first: usize, letter: &str| {
         let axis = |(index, axis): (usize, &str)| {
-            over_images(&format!("{letter}{axis}"), rows, move |row| {
-                row.twist[first + index]
-            })
+            over_images(&format!("{letter}{axis}"), rows, move |row| row.twist[first + index])
         };
         ["x", "y", "z"].into_iter().enumerate().map(axis).collect()
     };
@@ -57,11 +50,7 @@ fn twist(rows: &[RunRow], name: &str) -> [Panel; 2] {
 
 fn order(rows: &[RunRow], name: &str) -> Panel {
     let used = |row: &RunRow| {
-        if row.order == 0 {
-            f64::NAN
-        } else {
-            row.order as f64
-        }
+        if row.order == 0 { f64::NAN } else { row.order as f64 }
     };
     let series = vec![over_images("", rows, used)];
     Panel {
@@ -91,14 +80,8 @@ fn pose_error(rows: &[RunRow], name: &str) -> [Panel; 2] {
 
 /// One value per image; a series without a label has no legend.
 fn over_images(label: &str, rows: &[RunRow], value: impl Fn(&RunRow) -> f64) -> Series {
-    let points = rows
-        .iter()
-        .map(|row| (row.image as f64, value(row)))
-        .collect();
-    Series {
-        label: label.to_owned(),
-        points,
-    }
+    let points = rows.iter().map(|row| (row.image as f64, value(row))).collect();
+    Series { label: label.to_owned(), points }
 }
 
 #[cfg(test)]
@@ -106,21 +89,12 @@ mod tests {
     use super::super::record::synthetic;
     use super::*;
 
-    const NAMES: [&str; 5] = [
-        "pixel_error.svg",
-        "twist.svg",
-        "order.svg",
-        "pose_error.svg",
-        "camera_path.svg",
-    ];
+    const NAMES: [&str; 5] = ["pixel_error.svg", "twist.svg", "order.svg", "pose_error.svg", "camera_path.svg"];
 
     fn plots_of(record: &RunRecord) -> Vec<String> {
         let folder = tempfile::tempdir().expect("a temporary folder");
         write_plots(folder.path(), record).expect("five plots");
-        NAMES
-            .iter()
-            .map(|name| std::fs::read_to_string(folder.path().join(name)).expect("the plot"))
-            .collect()
+        NAMES.iter().map(|name| std::fs::read_to_string(folder.path().join(name)).expect("the plot")).collect()
     }
 
     #[test]
@@ -145,10 +119,7 @@ mod tests {
     fn runs_with_nothing_one_row_or_nan_still_make_plots() {
         let mut one = synthetic::run();
         one.rows.truncate(1);
-        let nothing_known = RunRecord {
-            rows: vec![RunRow::empty(0), RunRow::empty(1)],
-            ..RunRecord::default()
-        };
+        let nothing_known = RunRecord { rows: vec![RunRow::empty(0), RunRow::empty(1)], ..RunRecord::default() };
         for record in [RunRecord::default(), one, nothing_known] {
             assert_eq!(plots_of(&record).len(), 5);
         }

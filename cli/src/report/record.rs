@@ -75,12 +75,7 @@ pub(super) mod synthetic {
     /// Thirty images on the way home: every error falls by a fifth per image, the order climbs from 4 to 16.
     pub fn run() -> RunRecord {
         let rows = (0..30).map(row).collect();
-        RunRecord {
-            method: "hahn".into(),
-            converged: true,
-            status: "converged".into(),
-            rows,
-        }
+        RunRecord { method: "hahn".into(), converged: true, status: "converged".into(), rows }
     }
 
     fn row(image: u64) -> RunRow {
@@ -90,11 +85,7 @@ pub(super) mod synthetic {
             image,
             time_s: image as f64 / 15.0,
             twist: [0.24, -0.13, -0.185, -0.04, -0.15, -0.26].map(|start| -start * left),
-            status: if image < 29 {
-                "servoing".into()
-            } else {
-                "converged".into()
-            },
+            status: if image < 29 { "servoing".into() } else { "converged".into() },
             order: 4 + (12.0 * (1.0 - left)).round() as usize,
             window: vec![8.0, 8.0, 8.0, 8.0],
             pixel_mse: 0.0609571 * left * left,
@@ -104,11 +95,7 @@ pub(super) mod synthetic {
             round_trip_us: 2600.0 + 40.0 * (image % 7) as f64,
             error_mm: 662.0 * left,
             error_deg: 35.1 * left,
-            position_m: [
-                0.48 * left * turn.cos(),
-                -0.26 * left,
-                -0.37 * left + 0.05 * turn.sin() * left,
-            ],
+            position_m: [0.48 * left * turn.cos(), -0.26 * left, -0.37 * left + 0.05 * turn.sin() * left],
         }
     }
 }

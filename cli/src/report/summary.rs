@@ -62,15 +62,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 
 /// One row per run: method, verdict, images, final error, times.
 pub fn summary_table(runs: &[RunSummary], paint: Paint) -> Table {
-    let mut table = paint.table(&[
-        "method",
-        "status",
-        "images",
-        "error mm",
-        "error °",
-        "compute ms",
-        "round trip ms",
-    ]);
+    let mut table = paint.table(&["method", "status", "images", "error mm", "error °", "compute ms", "round trip ms"]);
     for run in runs {
         let right = |text: String| Cell::new(text).set_alignment(CellAlignment::Right);
         table.add_row([
@@ -134,22 +126,13 @@ mod tests {
     fn a_run_without_images_has_nulls_and_dashes() {
         let summary = RunRecord::default().summary("out");
         assert!(serde_json::to_value(&summary).expect("JSON")["error_mm"].is_null());
-        assert!(
-            summary_table(&[summary], Paint::default())
-                .to_string()
-                .contains('–')
-        );
+        assert!(summary_table(&[summary], Paint::default()).to_string().contains('–'));
     }
 
     #[test]
     fn the_table_fits_eighty_columns_and_can_be_narrower() {
         let mut table = summary_table(&[synthetic::run().summary("out")], Paint::default());
-        let widest = |text: &str| {
-            text.lines()
-                .map(|line| line.chars().count())
-                .max()
-                .unwrap_or(0)
-        };
+        let widest = |text: &str| text.lines().map(|line| line.chars().count()).max().unwrap_or(0);
         let text = table.to_string();
         assert!(widest(&text) <= 80, "{} columns:\n{text}", widest(&text));
         table.set_width(60);

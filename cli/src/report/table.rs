@@ -42,41 +42,18 @@ pub fn write_csv(path: &Path, rows: &[RunRow]) -> anyhow::Result<()> {
 }
 
 fn cells(row: &RunRow) -> Vec<String> {
-    let mut cells = vec![
-        row.image.to_string(),
-        cell(row.time_s),
-        row.status.clone(),
-        row.order.to_string(),
-    ];
-    cells.push(
-        row.window
-            .iter()
-            .map(f64::to_string)
-            .collect::<Vec<_>>()
-            .join(" "),
-    );
+    let mut cells = vec![row.image.to_string(), cell(row.time_s), row.status.clone(), row.order.to_string()];
+    cells.push(row.window.iter().map(f64::to_string).collect::<Vec<_>>().join(" "));
     cells.extend(row.twist.map(cell));
     cells.extend([row.pixel_mse, row.feature_error_norm, row.condition_number].map(cell));
-    cells.extend(
-        [
-            row.compute_us,
-            row.round_trip_us,
-            row.error_mm,
-            row.error_deg,
-        ]
-        .map(cell),
-    );
+    cells.extend([row.compute_us, row.round_trip_us, row.error_mm, row.error_deg].map(cell));
     cells.extend(row.position_m.map(cell));
     cells
 }
 
 /// As many digits as it takes to read the same number back.
 fn cell(value: f64) -> String {
-    if value.is_finite() {
-        value.to_string()
-    } else {
-        String::new()
-    }
+    if value.is_finite() { value.to_string() } else { String::new() }
 }
 
 #[cfg(test)]
@@ -94,16 +71,8 @@ mod tests {
 
         let mut reader = csv::Reader::from_path(&path).expect("the file");
         let headings = reader.headers().expect("headings").clone();
-        let column = |name: &str| {
-            headings
-                .iter()
-                .position(|heading| heading == name)
-                .expect("the column")
-        };
-        let lines: Vec<_> = reader
-            .records()
-            .map(|line| line.expect("as many cells as headings"))
-            .collect();
+        let column = |name: &str| headings.iter().position(|heading| heading == name).expect("the column");
+        let lines: Vec<_> = reader.records().map(|line| line.expect("as many cells as headings")).collect();
         assert_eq!(lines.len(), rows.len());
         for (line, row) in lines.iter().zip(&rows).take(30) {
             assert_eq!(line[column("wz_rad_per_s")].parse(), Ok(row.twist[5]));

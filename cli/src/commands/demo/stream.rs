@@ -23,19 +23,13 @@ const SILENCE: Duration = Duration::from_secs(5);
 pub(super) async fn run(lab: &Lab, args: &DemoArgs, camera: CameraSettings, live: &LiveLine) -> anyhow::Result<Run> {
     let mut simulation = camera.simulation()?;
     let (desired, initial) = (simulation.capture_desired(), simulation.capture());
-    let settings = TaskSettings {
-        frames: Frames::Pushed,
-        watchdog_ms: Some(WATCHDOG_MS),
-        ..task_settings(args, &camera.info()?)
-    };
+    let settings =
+        TaskSettings { frames: Frames::Pushed, watchdog_ms: Some(WATCHDOG_MS), ..task_settings(args, &camera.info()?) };
     let task = lab.client.create_task(&settings).await?;
     task.set_target(&outgoing(&desired, 0, 0)?).await?;
     let keys = Keys::default();
-    let camera = CameraSettings {
-        frame_key: Some(keys.frame(task.key())),
-        follow: Follow::Task(task.key().clone()),
-        ..camera
-    };
+    let camera =
+        CameraSettings { frame_key: Some(keys.frame(task.key())), follow: Follow::Task(task.key().clone()), ..camera };
     let node = CameraNode::open(lab.config()?, keys, camera).await?;
     let truth = node.truth();
     let outcome = follow(&lab.client, &task, args, &settings, &truth, live).await;
@@ -73,7 +67,10 @@ async fn follow(
             continue;
         }
         newest = command.sequence;
-        let (pose, error) = { let truth = truth.borrow(); (truth.pose, truth.error) };
+        let (pose, error) = {
+            let truth = truth.borrow();
+            (truth.pose, truth.error)
+        };
         let row = RunRow {
             time_s: begin.elapsed().as_secs_f64(),
             round_trip_us: f64::from(command.queue_us) + f64::from(command.compute_us),

@@ -84,7 +84,8 @@ pub(super) async fn run(args: &RunArgs, paint: Paint, paint_errors: Paint) -> an
     let client = args.network.connect(&args.client).await?;
     let camera = Name::try_from(args.camera.as_str()).with_context(|| format!("--camera {}", args.camera))?;
     live.say("waiting for the camera");
-    let info = client.camera_info(&camera, CAMERA_WAIT).await.with_context(|| format!("is camera {camera} running?"))?;
+    let info =
+        client.camera_info(&camera, CAMERA_WAIT).await.with_context(|| format!("is camera {camera} running?"))?;
     let target = match &args.desired {
         Some(path) => image_file(path, args.desired_depth.as_deref().map(|depth| (depth, args.depth_unit)))?,
         None => client
@@ -163,5 +164,8 @@ async fn follow(client: &Client, task: &Task, args: &RunArgs, live: &LiveLine) -
 }
 
 fn told(command: &TwistMessage) -> String {
-    format!("image {:>5}  pixel error {:.2e}  order {:>2}  {}", command.sequence, command.pixel_mse, command.order, command.status)
+    format!(
+        "image {:>5}  pixel error {:.2e}  order {:>2}  {}",
+        command.sequence, command.pixel_mse, command.order, command.status
+    )
 }

@@ -33,11 +33,7 @@ impl Answer {
             feature_error_squared: step.feature_error_squared,
             features: step.features,
             condition_number: step.condition_number,
-            status: if step.rank_deficient {
-                "rank_deficient"
-            } else {
-                "servoing"
-            },
+            status: if step.rank_deficient { "rank_deficient" } else { "servoing" },
         }
     }
 
@@ -50,52 +46,26 @@ impl Answer {
         let (method, window) = (args.method, self.window_text(args.method));
         let mut lines = vec![
             ("status", status),
-            (
-                "method",
-                format!(
-                    "{method}, order {}, {} features{window}",
-                    self.order, self.features
-                ),
-            ),
+            ("method", format!("{method}, order {}, {} features{window}", self.order, self.features)),
             ("gain", format!("{} 1/s", args.gain)),
             ("pixel error", format!("{:.6e}", self.pixel_mse)),
             ("e·e", format!("{:.6}", self.feature_error_squared)),
             ("condition of L", format!("{:.1}", self.condition_number)),
         ];
         for (role, seen) in [("desired", &inputs.desired), ("current", &inputs.current)] {
-            lines.push((
-                role,
-                format!(
-                    "{}, {}; depth {}",
-                    seen.name,
-                    size(&seen.plane),
-                    seen.depth_note
-                ),
-            ));
+            lines.push((role, format!("{}, {}; depth {}", seen.name, size(&seen.plane), seen.depth_note)));
         }
-        lines.extend(
-            inputs
-                .initial
-                .iter()
-                .map(|initial| ("initial", initial.name.clone())),
-        );
-        let lines: Vec<String> = lines
-            .iter()
-            .map(|(name, value)| format!("{name:<16} {value}"))
-            .collect();
+        lines.extend(inputs.initial.iter().map(|initial| ("initial", initial.name.clone())));
+        let lines: Vec<String> = lines.iter().map(|(name, value)| format!("{name:<16} {value}")).collect();
         format!("{}\n{}", self.table(paint), lines.join("\n"))
     }
 
     fn table(&self, paint: Paint) -> Table {
         let [vx, vy, vz, wx, wy, wz] = self.twist;
         let mut table = paint.table(&["camera twist", "x right", "y down", "z forward", "unit"]);
-        for (name, values, unit) in [
-            ("linear", [vx, vy, vz], "m/s"),
-            ("angular", [wx, wy, wz], "rad/s"),
-        ] {
+        for (name, values, unit) in [("linear", [vx, vy, vz], "m/s"), ("angular", [wx, wy, wz], "rad/s")] {
             let mut cells = vec![Cell::new(name)];
-            let right =
-                |value| Cell::new(format!("{value:.6}")).set_alignment(CellAlignment::Right);
+            let right = |value| Cell::new(format!("{value:.6}")).set_alignment(CellAlignment::Right);
             cells.extend(values.map(right));
             cells.push(Cell::new(unit));
             table.add_row(cells);

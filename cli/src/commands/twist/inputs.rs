@@ -35,10 +35,7 @@ pub struct Seen {
 impl Seen {
     /// What the law takes.
     pub fn view(&self) -> View<'_, f64> {
-        View {
-            image: &self.plane,
-            depth: &self.depth,
-        }
+        View { image: &self.plane, depth: &self.depth }
     }
 }
 
@@ -68,22 +65,15 @@ impl Inputs {
 fn depth_options(args: &TwistArgs) -> [DepthOption; 2] {
     let either = args.desired_depth.as_ref().or(args.current_depth.as_ref());
     let fallback = either.cloned().unwrap_or(DepthOption::Metres(1.0));
-    [&args.desired_depth, &args.current_depth]
-        .map(|given| given.clone().unwrap_or_else(|| fallback.clone()))
+    [&args.desired_depth, &args.current_depth].map(|given| given.clone().unwrap_or_else(|| fallback.clone()))
 }
 
 fn read_image(path: &Path, invert: bool) -> anyhow::Result<Image> {
     let mut plane = read_gray(path)?;
     if invert {
-        plane
-            .samples_mut()
-            .iter_mut()
-            .for_each(|value| *value = 1.0 - *value);
+        plane.samples_mut().iter_mut().for_each(|value| *value = 1.0 - *value);
     }
-    Ok(Image {
-        name: path.display().to_string(),
-        plane,
-    })
+    Ok(Image { name: path.display().to_string(), plane })
 }
 
 fn same_size(desired: &Image, other: &Image) -> anyhow::Result<()> {
@@ -105,18 +95,10 @@ pub fn size(plane: &Plane<f64>) -> String {
 
 fn with_depth(image: Image, option: &DepthOption, unit_m: f64) -> anyhow::Result<Seen> {
     let (depth, depth_note) = match option {
-        DepthOption::Metres(depth_m) => (
-            Depth::Constant { depth_m: *depth_m },
-            format!("{depth_m} m everywhere"),
-        ),
+        DepthOption::Metres(depth_m) => (Depth::Constant { depth_m: *depth_m }, format!("{depth_m} m everywhere")),
         DepthOption::File(path) => read_map(path, unit_m, &image)?,
     };
-    Ok(Seen {
-        name: image.name,
-        plane: image.plane,
-        depth,
-        depth_note,
-    })
+    Ok(Seen { name: image.name, plane: image.plane, depth, depth_note })
 }
 
 fn read_map(path: &Path, unit_m: f64, image: &Image) -> anyhow::Result<(Depth<f64>, String)> {
@@ -129,13 +111,7 @@ fn read_map(path: &Path, unit_m: f64, image: &Image) -> anyhow::Result<(Depth<f6
         image.name,
         size(&image.plane)
     );
-    let map = DepthMap::from_metres(&file.metres, HoleFill::Median)
-        .with_context(|| format!("{}", path.display()))?;
-    let note = format!(
-        "{}, median {:.4} m, {} unknown",
-        path.display(),
-        file.median_m,
-        file.unknown
-    );
+    let map = DepthMap::from_metres(&file.metres, HoleFill::Median).with_context(|| format!("{}", path.display()))?;
+    let note = format!("{}, median {:.4} m, {} unknown", path.display(), file.median_m, file.unknown);
     Ok((Depth::Map(map), note))
 }

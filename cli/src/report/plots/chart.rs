@@ -17,11 +17,7 @@ pub const FONT: &str = "sans-serif";
 pub const TEXT: RGBColor = RGBColor(45, 45, 45);
 pub const GRID: RGBColor = RGBColor(228, 228, 228);
 /// Okabe and Ito's colours, which people who see fewer colours can still tell apart.
-pub const COLORS: [RGBColor; 3] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-];
+pub const COLORS: [RGBColor; 3] = [RGBColor(0, 114, 178), RGBColor(213, 94, 0), RGBColor(0, 158, 115)];
 
 /// One set of axes.
 pub struct Panel {
@@ -70,24 +66,9 @@ pub fn drawing(error: impl std::fmt::Display) -> anyhow::Error {
 fn draw_panel(area: &Area<'_>, panel: &Panel) -> Result<(), Failed> {
     let labels = panel.series.iter().map(|series| series.label.as_str());
     let body = draw_head(area, &panel.title, labels)?;
-    let drawn: Vec<Series> = panel
-        .series
-        .iter()
-        .map(|series| on_scale(series, panel.scale))
-        .collect();
-    let points = || {
-        drawn
-            .iter()
-            .flat_map(|series| &series.points)
-            .filter(|point| point.1.is_finite())
-    };
-    let x_range = span(
-        panel
-            .series
-            .iter()
-            .flat_map(|series| &series.points)
-            .map(|point| point.0),
-    );
+    let drawn: Vec<Series> = panel.series.iter().map(|series| on_scale(series, panel.scale)).collect();
+    let points = || drawn.iter().flat_map(|series| &series.points).filter(|point| point.1.is_finite());
+    let x_range = span(panel.series.iter().flat_map(|series| &series.points).map(|point| point.0));
     let y_range = match panel.scale {
         Scale::Linear => padded(span(points().map(|point| point.1))),
         Scale::Whole => whole(span(points().map(|point| point.1))),
@@ -107,11 +88,7 @@ fn draw_panel(area: &Area<'_>, panel: &Panel) -> Result<(), Failed> {
         .y_desc(&panel.y_label)
         .x_label_formatter(&|value| plain(*value))
         .y_label_formatter(&|value| {
-            if panel.scale == Scale::Log {
-                power(*value)
-            } else {
-                plain(*value)
-            }
+            if panel.scale == Scale::Log { power(*value) } else { plain(*value) }
         })
         .x_labels(10)
         .y_labels(tick_count(panel.scale, &y_range))
@@ -124,18 +101,10 @@ fn draw_panel(area: &Area<'_>, panel: &Panel) -> Result<(), Failed> {
         .map_err(drawing)?;
     for (series, color) in drawn.iter().zip(COLORS.iter().cycle()) {
         for piece in pieces(&series.points) {
-            chart
-                .draw_series(LineSeries::new(
-                    piece.iter().copied(),
-                    color.stroke_width(2),
-                ))
-                .map_err(drawing)?;
+            chart.draw_series(LineSeries::new(piece.iter().copied(), color.stroke_width(2))).map_err(drawing)?;
         }
         let dense = series.points.len() > MOST_DOTS;
-        let known = series
-            .points
-            .iter()
-            .filter(|point| point.1.is_finite() && !dense);
+        let known = series.points.iter().filter(|point| point.1.is_finite() && !dense);
         let dots = known.map(|point| Circle::new(*point, 2, color.filled()));
         chart.draw_series(dots).map_err(drawing)?;
     }
@@ -143,27 +112,17 @@ fn draw_panel(area: &Area<'_>, panel: &Panel) -> Result<(), Failed> {
 }
 
 /// Writes the title on the left and the legend on the right; returns the area below them.
-fn draw_head<'a, 'l>(
-    area: &Area<'a>,
-    title: &str,
-    labels: impl Iterator<Item = &'l str>,
-) -> Result<Area<'a>, Failed> {
+fn draw_head<'a, 'l>(area: &Area<'a>, title: &str, labels: impl Iterator<Item = &'l str>) -> Result<Area<'a>, Failed> {
     let (head, body) = area.split_vertically(HEAD_PX);
     let style = (FONT, 18).into_font().color(&TEXT);
-    head.draw(&Text::new(title.to_owned(), (20, 13), style))
-        .map_err(drawing)?;
+    head.draw(&Text::new(title.to_owned(), (20, 13), style)).map_err(drawing)?;
     let labels: Vec<&str> = labels.filter(|label| !label.is_empty()).collect();
     let entry_px = 64;
     let mut x = head.dim_in_pixel().0 as i32 - 24 - entry_px * labels.len() as i32;
     for (label, color) in labels.iter().zip(COLORS.iter().cycle()) {
-        head.draw(&PathElement::new(
-            vec![(x, 22), (x + 24, 22)],
-            color.stroke_width(3),
-        ))
-        .map_err(drawing)?;
+        head.draw(&PathElement::new(vec![(x, 22), (x + 24, 22)], color.stroke_width(3))).map_err(drawing)?;
         let style = (FONT, 15).into_font().color(&TEXT);
-        head.draw(&Text::new((*label).to_owned(), (x + 31, 14), style))
-            .map_err(drawing)?;
+        head.draw(&Text::new((*label).to_owned(), (x + 31, 14), style)).map_err(drawing)?;
         x += entry_px;
     }
     Ok(body)
@@ -177,36 +136,26 @@ fn on_scale(series: &Series, scale: Scale) -> Series {
         Scale::Linear | Scale::Whole => value,
     };
     let points = series.points.iter().map(|&(x, y)| (x, draw(y))).collect();
-    Series {
-        label: series.label.clone(),
-        points,
-    }
+    Series { label: series.label.clone(), points }
 }
 
 /// Runs of points without a gap.
 fn pieces(points: &[(f64, f64)]) -> impl Iterator<Item = &[(f64, f64)]> {
-    points
-        .split(|point| !point.1.is_finite())
-        .filter(|piece| !piece.is_empty())
+    points.split(|point| !point.1.is_finite()).filter(|piece| !piece.is_empty())
 }
 
 /// The smallest range that holds every finite value; 0..1 when there is none.
 pub fn span(values: impl Iterator<Item = f64>) -> Range<f64> {
     let values = values.filter(|value| value.is_finite());
-    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-        (low.min(value), high.max(value))
-    });
+    let (low, high) =
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
     if low <= high { low..high } else { 0.0..1.0 }
 }
 
 /// A little room above and below, and a height for what is flat.
 fn padded(range: Range<f64>) -> Range<f64> {
     let height = range.end - range.start;
-    let room = if height > 0.0 {
-        0.06 * height
-    } else {
-        (0.1 * range.end.abs()).max(1e-3)
-    };
+    let room = if height > 0.0 { 0.06 * height } else { (0.1 * range.end.abs()).max(1e-3) };
     range.start - room..range.end + room
 }
 
@@ -217,11 +166,7 @@ fn whole(range: Range<f64>) -> Range<f64> {
 /// Whole decades.
 fn decades(range: Range<f64>) -> Range<f64> {
     let (low, high) = (range.start.floor(), range.end.ceil());
-    if low < high {
-        low..high
-    } else {
-        low..low + 1.0
-    }
+    if low < high { low..high } else { low..low + 1.0 }
 }
 
 fn at_least_one(range: Range<f64>) -> Range<f64> {
@@ -238,11 +183,7 @@ fn tick_count(scale: Scale, range: &Range<f64>) -> usize {
 /// 0.25, 12, −0.001: no trailing zeros, no rounding noise.
 pub fn plain(value: f64) -> String {
     let rounded = (value * 1e6).round() / 1e6;
-    let text = if rounded == 0.0 {
-        "0".to_owned()
-    } else {
-        rounded.to_string()
-    };
+    let text = if rounded == 0.0 { "0".to_owned() } else { rounded.to_string() };
     text.replace('-', "−")
 }
 
@@ -272,13 +213,8 @@ mod tests {
     #[test]
     fn ranges_are_never_empty() {
         assert_eq!(span([f64::NAN].into_iter()), 0.0..1.0);
-        for range in [
-            padded(0.0..0.0),
-            padded(5.0..5.0),
-            whole(4.0..4.0),
-            decades(-2.0..-2.0),
-            at_least_one(0.0..0.0),
-        ] {
+        for range in [padded(0.0..0.0), padded(5.0..5.0), whole(4.0..4.0), decades(-2.0..-2.0), at_least_one(0.0..0.0)]
+        {
             assert!(range.start < range.end, "{range:?}");
         }
         assert_eq!(decades(-3.2..-1.1), -4.0..-1.0);
