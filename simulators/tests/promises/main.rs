@@ -1,0 +1,9 @@
+//! What this crate promises, in one binary: a file for each subject.
+
+mod disturbance;
+mod free_camera;
+mod motion;
+mod node;
+mod photographs;
+mod rendering;
+mod simulation;
