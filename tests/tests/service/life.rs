@@ -1,0 +1,217 @@
+//! The life of a task over the network: ready, servoing, paused, stopped, capped, closed; and the end of the worker.
+
+use std::time::{Duration, Instant};
+
+use domvs_proto::settings::{Frames, Gain, Stop};
+use zenoh::sample::SampleKind;
+
+use crate::support::{
+    Client, ErrorCode, Following, Question, Scene, Stage, Status, TaskSettings, TwistMessage, ZEROS, code, in_time,
+    next_status, push, started,
+};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn stop_for_all_latches_every_task_until_each_is_started_again() {
+    let stage = Stage::open().await;
+    let (alice, bob) = (stage.client("alice").await, stage.client("bob").await);
+    let mut scene = Scene::small("coffee");
+    let target = scene.target();
+    let tasks = [
+        started(&alice, &scene.settings(), &target).await,
+        started(&alice, &scene.settings(), &target).await,
+        started(&bob, &scene.settings(), &target).await,
+    ];
+    let following = Following::on(alice.session(), stage.keys.command(tasks[0].key())).await;
+    assert!(push(&tasks[0], &following, &scene.frame(1)).await.is_servoing());
+
+    bob.stop_all().await.expect("the worker listens");
+    let (_, stopped) = following.until("stopped on command", |message| message.status == Status::Stopped).await;
+    assert_eq!(stopped.twist, ZEROS);
+    for (sequence, task) in (10..).zip(&tasks) {
+        in_time("stopped", async {
+            while task.twist(&scene.frame(sequence)).await.expect("answered").status != Status::Stopped {}
+        })
+        .await;
+        let answer = task.twist(&scene.frame(sequence + 100)).await.expect("answered");
+        assert_eq!((answer.status, answer.twist), (Status::Stopped, ZEROS));
+    }
+    tasks[0].start().await.expect("obeyed");
+    assert!(tasks[0].twist(&scene.frame(500)).await.expect("answered").is_servoing());
+    assert!(push(&tasks[0], &following, &scene.frame(501)).await.is_servoing());
+    let other = tasks[1].twist(&scene.frame(502)).await.expect("answered");
+    assert_eq!(other.status, Status::Stopped, "one start starts one task");
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn pause_resume_stop_and_start_say_what_they_did() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let task = client.create_task(&scene.settings()).await.expect("created");
+    task.set_target(&scene.target()).await.expect("set");
+    assert_eq!(task.pause().await.expect("answered"), Status::Ready, "a pause before the start changes nothing");
+    assert_eq!(task.resume().await.expect("answered"), Status::Ready);
+    assert_eq!(task.start().await.expect("answered"), Status::WaitingFrame);
+    assert!(task.twist(&scene.frame(1)).await.expect("answered").is_servoing());
+    let before = task.state().await.expect("answered").progress.twists;
+
+    assert_eq!(task.pause().await.expect("answered"), Status::Paused);
+    let paused = task.twist(&scene.frame(2)).await.expect("answered");
+    assert_eq!((paused.status, paused.twist), (Status::Paused, ZEROS));
+    assert_eq!(task.resume().await.expect("answered"), Status::WaitingFrame);
+    assert!(task.twist(&scene.frame(3)).await.expect("answered").is_servoing());
+    assert_eq!(task.state().await.expect("answered").progress.twists, before + 1, "pause and resume keep the count");
+
+    assert_eq!(task.stop().await.expect("answered"), Status::Stopped);
+    let stopped = task.twist(&scene.frame(4)).await.expect("answered");
+    assert_eq!((stopped.status, stopped.twist), (Status::Stopped, ZEROS));
+    assert_eq!(task.start().await.expect("answered"), Status::WaitingFrame);
+    assert_eq!(task.state().await.expect("answered").progress.twists, 0, "start begins anew");
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn bad_frames_do_not_unsay_a_latched_status() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let settings = TaskSettings { frames: Frames::Pushed, ..scene.settings() };
+    let task = started(&client, &settings, &scene.target()).await;
+    let following = Following::on(client.session(), stage.keys.command(task.key())).await;
+    let mut statuses = task.statuses().await.expect("followed");
+    assert!(push(&task, &following, &scene.frame(1)).await.is_servoing());
+    task.pause().await.expect("obeyed");
+    next_status(&mut statuses, "paused", |message| message.status == Status::Paused).await;
+
+    let stranger = stage.stranger().await;
+    let frame_key = stage.keys.frame(task.key());
+    for payload in [&b"nonsense"[..], &[]] {
+        stranger.put(&frame_key, payload).encoding("image/png").await.expect("open");
+        stranger.put(&frame_key, payload).attachment(&[9_u8; 48][..]).await.expect("open");
+        let question = Question::on(stage.keys.twist(task.key())).with(payload).attached([9_u8; 48]);
+        let answer = question.ask(&stranger).await.twist();
+        assert_eq!(answer.twist, ZEROS);
+    }
+    // A stale frame and a late request are refused before anything else, and must not unsay it either.
+    let fresh = push(&task, &following, &scene.frame(2).numbered(2, 5_000_000_000)).await;
+    let stale = push(&task, &following, &scene.frame(3).numbered(3, 4_000_000_000)).await;
+    assert_eq!((fresh.status, stale.status), (Status::Paused, Status::Paused));
+    for message in following.drain() {
+        assert_eq!((message.status, message.twist), (Status::Paused, ZEROS));
+    }
+    let mut heard = vec![];
+    while let Some(message) = statuses.recv(Duration::ZERO).await {
+        heard.push(message.status);
+    }
+    assert!(heard.iter().all(|status| *status == Status::Paused), "{heard:?}");
+    assert_eq!(task.state().await.expect("answered").progress.status, Status::Paused);
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn autostart_waits_for_the_first_frame_and_only_for_that() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let settings = TaskSettings { autostart: true, ..scene.settings() };
+    let task = client.create_task(&settings).await.expect("created");
+    assert_eq!(task.twist(&scene.frame(1)).await.expect("answered").status, Status::WaitingTarget);
+    assert_eq!(task.set_target(&scene.target()).await.expect("set"), Status::Ready);
+    assert!(task.twist(&scene.frame(2)).await.expect("answered").is_servoing());
+    task.stop().await.expect("obeyed");
+    let stopped = task.twist(&scene.frame(3)).await.expect("answered");
+    assert_eq!(stopped.status, Status::Stopped, "a stop is not undone by a frame");
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_iteration_cap_ends_a_servoing_and_is_not_called_converged() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let stop = Stop { max_iterations: 3, ..Stop::default() };
+    let task = started(&client, &TaskSettings { stop, ..scene.settings() }, &scene.target()).await;
+    let mut answers = vec![];
+    for sequence in 1..=4 {
+        answers.push(task.twist(&scene.frame(sequence)).await.expect("answered"));
+    }
+    let statuses: Vec<Status> = answers.iter().map(|answer| answer.status).collect();
+    assert_eq!(statuses, [Status::Servoing, Status::Servoing, Status::IterationCap, Status::IterationCap]);
+    assert_eq!(answers[3].twist, ZEROS);
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn closing_a_task_takes_its_keys_away() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let task = started(&client, &scene.settings(), &scene.target()).await;
+    let key = task.key().clone();
+    let tokens = tokens(&client, "domvs/task/**").await;
+    let (_, token) = in_time("the owner's token", tokens.recv_async()).await.expect("open");
+    assert_eq!(token, (SampleKind::Put, stage.keys.owner(&key, stage.service.worker(), task.epoch())));
+    task.close().await.expect("obeyed");
+    let (_, token) = in_time("the token goes", tokens.recv_async()).await.expect("open");
+    assert_eq!(token.0, SampleKind::Delete);
+    in_time("unknown", async {
+        loop {
+            let answer = Question::on(stage.keys.settings(&key)).ask(client.session()).await;
+            if code(answer) == ErrorCode::UnknownTask {
+                return;
+            }
+        }
+    })
+    .await;
+    assert!(client.list_tasks().await.expect("answered").is_empty());
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_that_ends_sends_zeros_before_its_tokens_go() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let settings = TaskSettings { frames: Frames::Pushed, gain: Some(Gain::PerS(0.2)), ..scene.settings() };
+    let task = started(&client, &settings, &scene.target()).await;
+    let following = Following::on(client.session(), stage.keys.command(task.key())).await;
+    assert!(push(&task, &following, &scene.frame(1)).await.is_servoing(), "it moves when the worker ends");
+    let tokens = tokens(&client, "domvs/**").await;
+    for _ in 0..3 {
+        // The worker's, the task's and the client's own.
+        let (_, (kind, _)) = in_time("the tokens that are there", tokens.recv_async()).await.expect("open");
+        assert_eq!(kind, SampleKind::Put);
+    }
+
+    let Stage { service, .. } = stage;
+    service.shutdown().await;
+    let (zeros_at, zeros): (Instant, TwistMessage) =
+        following.until("the last zeros", |message| message.status == Status::OwnerLost).await;
+    assert_eq!(zeros.twist, ZEROS);
+    for _ in 0..2 {
+        let (gone_at, (kind, key)) = in_time("the tokens go", tokens.recv_async()).await.expect("open");
+        assert_eq!(kind, SampleKind::Delete);
+        assert!(gone_at >= zeros_at, "{key} went before the zeros came");
+    }
+    assert!(following.drain().is_empty(), "nothing after the last zeros");
+}
+
+type Token = (Instant, (SampleKind, String));
+
+/// Liveliness tokens as they come and go, those that are there first.
+async fn tokens(client: &Client, key: &str) -> flume::Receiver<Token> {
+    let (hand_over, tokens) = flume::unbounded();
+    client
+        .session()
+        .liveliness()
+        .declare_subscriber(key)
+        .history(true)
+        .callback(move |sample| {
+            drop(hand_over.send((Instant::now(), (sample.kind(), sample.key_expr().to_string()))));
+        })
+        .background()
+        .await
+        .expect("a fine key");
+    tokens
+}

@@ -1,0 +1,117 @@
+//! More than a worker can do: every request is answered, at once if not with a twist, and the newest pushed frame wins.
+
+use std::sync::Arc;
+
+use domvs_client::{ImageFile, OutgoingFrame};
+use domvs_proto::frame::FrameHeader;
+use domvs_proto::settings::Depth;
+use domvs_server::ServerConfig;
+use image::ExtendedColorType;
+
+use crate::support::{
+    Client, Following, LIMIT, Question, Scene, Stage, Status, Task, TaskSettings, ZEROS, gray8, in_time, next_status,
+    png, started,
+};
+
+/// Requests at once; a mailbox holds four.
+const REQUESTS: u64 = 64;
+
+/// A task on one compute thread whose frames are small to send and long to decode.
+async fn slow(client: &Client) -> (Task, OutgoingFrame) {
+    let mut scene = Scene::new("coffee", [512, 512], [0.02, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    let settings = TaskSettings { depth: Depth::ConstantM(1.0), ..scene.settings() };
+    let task = started(client, &settings, &scene.target()).await;
+    let file = png(&gray8(&scene.simulation.capture()), [512, 512], ExtendedColorType::L8);
+    (task, OutgoingFrame::file(ImageFile::Png, file).expect("not empty"))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn of_many_requests_at_once_each_is_answered_and_the_rest_are_overloaded() {
+    let stage = Stage::with(ServerConfig { threads: 1, ..ServerConfig::default() }).await;
+    let client = stage.client("alice").await;
+    let (task, frame) = slow(&client).await;
+    let task = Arc::new(task);
+    let asked: Vec<_> = (1..=REQUESTS)
+        .map(|sequence| {
+            let (task, frame) = (task.clone(), frame.clone().numbered(sequence, 0));
+            tokio::spawn(async move { task.twist(&frame).await.expect("answered") })
+        })
+        .collect();
+    let mut counts = [0; 2];
+    for (sequence, asked) in (1..).zip(asked) {
+        let answer = in_time("an answer", asked).await.expect("no panic");
+        assert_eq!(answer.sequence, sequence);
+        match answer.status {
+            Status::Servoing => counts[0] += 1,
+            Status::Overloaded => counts[1] += 1,
+            other => panic!("{other}"),
+        }
+        assert_eq!(answer.is_servoing(), answer.twist != ZEROS);
+    }
+    let [servoing, overloaded] = counts;
+    // Four wait while one is computed; on a slow day more are computed meanwhile.
+    assert!(servoing >= 4 && overloaded >= 1, "{servoing} servoing, {overloaded} overloaded");
+    let mut statuses = task.statuses().await.expect("followed");
+    let status = next_status(&mut statuses, "the counts", |message| message.frames_in == REQUESTS).await;
+    assert_eq!(status.frames_dropped.overloaded, overloaded);
+    assert!(task.twist(&frame.numbered(1000, 0)).await.expect("answered").is_servoing(), "and then it goes on");
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn requests_that_waited_past_their_deadline_get_zeros() {
+    let stage = Stage::with(ServerConfig { threads: 1, mailbox_depth: 64, ..ServerConfig::default() }).await;
+    let client = stage.client("alice").await;
+    let (task, frame) = slow(&client).await;
+    // A quarter of what the whole queue takes at least: 64 PNGs of 512x512 pixels in 1 ms each.
+    let (secret, deadline_us) = (task.secret().cloned(), 16_000);
+    let payload = frame.payload().to_bytes().into_owned();
+    let asked: Vec<_> = (1..=REQUESTS)
+        .map(|sequence| {
+            let header = FrameHeader { secret: secret.clone(), deadline_us, sequence, ..frame.header().clone() };
+            let question = Question::on(stage.keys.twist(task.key())).with(payload.clone()).encoded("image/png");
+            let (question, session) = (question.attached(header.encode()), client.session().clone());
+            tokio::spawn(async move { question.ask(&session).await.twist() })
+        })
+        .collect();
+    let mut missed = 0;
+    for asked in asked {
+        let answer = in_time("an answer", asked).await.expect("no panic");
+        match answer.status {
+            Status::Servoing => assert_ne!(answer.twist, ZEROS),
+            Status::DeadlineMissed => missed += 1,
+            other => panic!("{other}"),
+        }
+        assert_eq!(answer.is_servoing(), answer.twist != ZEROS);
+    }
+    assert!(missed > 0, "64 decoded pictures in 16 ms");
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn of_many_pushed_frames_the_newest_wins_and_the_others_are_counted() {
+    let stage = Stage::with(ServerConfig { threads: 1, ..ServerConfig::default() }).await;
+    let client = stage.client("alice").await;
+    let (task, frame) = slow(&client).await;
+    let following = Following::on(client.session(), stage.keys.command(task.key())).await;
+    let mut statuses = task.statuses().await.expect("followed");
+    let mut sequence = 0;
+    let superseded = in_time("a frame that is passed over", async {
+        loop {
+            for _ in 0..REQUESTS {
+                sequence += 1;
+                task.push(&frame.clone().numbered(sequence, 0)).await.expect("open");
+            }
+            let heard = statuses.recv(LIMIT).await.expect("twice a second");
+            if heard.frames_dropped.superseded > 0 {
+                return heard;
+            }
+        }
+    })
+    .await;
+    assert!(superseded.frames_in >= superseded.frames_dropped.superseded, "{superseded:?}");
+    let sequences: Vec<u64> =
+        following.drain().into_iter().filter(|message| message.is_servoing()).map(|message| message.sequence).collect();
+    assert!(!sequences.is_empty() && sequences.is_sorted_by(|a, b| a < b), "in order and once: {sequences:?}");
+    stage.close().await;
+}
