@@ -226,7 +226,8 @@ impl Desk {
                 query.payload().cloned().unwrap_or_default(),
             );
         }
-        tracing::info!(task = %self.key, width = header.width, height = header.height, %status, "target set");
+        let size = task.target().map(|sent| sent.size);
+        tracing::info!(task = %self.key, ?size, %status, "target set");
         self.said(&task, status)
     }
 

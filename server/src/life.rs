@@ -178,3 +178,97 @@ fn is_close(step: &Step, stop: &Stop) -> bool {
 fn diverged(pixel_mse: f64, initial: f64) -> bool {
     pixel_mse > 2.0 * initial + 0.01
 }
+
+#[cfg(test)]
+mod tests {
+    use domvs_vision::{Twist, WindowInUse};
+
+    use super::*;
+
+    const STOP: Stop = Stop { step_m: 5e-4, step_rad: 5e-4, pixel_mse: None, hold_frames: 5, max_iterations: 0 };
+
+    fn step(translation_m: f64, pixel_mse: f64) -> Step {
+        Step {
+            twist: Twist::ZERO,
+            gauss_newton: [translation_m, 0.0, 0.0, 0.0, 0.0, 0.0],
+            step_capped: false,
+            gain_per_s: 1.0,
+            order: 4,
+            features: 15,
+            window: WindowInUse::Whole,
+            pixel_mse,
+            feature_error_squared: 1.0,
+            condition_number: 10.0,
+            rank: 6,
+            rank_deficient: false,
+        }
+    }
+
+    fn running() -> Life {
+        let mut life = Life::default();
+        life.target_set();
+        assert_eq!(life.control(Control::Start), Ok(true));
+        life
+    }
+
+    #[test]
+    fn nothing_runs_without_a_target_and_a_start() {
+        let mut life = Life::default();
+        assert_eq!(life.control(Control::Start), Err(Status::WaitingTarget));
+        life.target_set();
+        assert_eq!((life.status(), life.is_running()), (Status::Ready, false));
+        assert_eq!(life.control(Control::Resume), Err(Status::Ready));
+        assert_eq!(life.control(Control::Start), Ok(true));
+        assert!(life.is_running());
+    }
+
+    #[test]
+    fn a_stop_before_the_target_outlives_it() {
+        let mut life = Life::default();
+        life.latch(Status::Stopped);
+        life.target_set();
+        life.autostart();
+        assert_eq!((life.status(), life.is_running()), (Status::Stopped, false));
+    }
+
+    #[test]
+    fn converged_means_that_the_step_stayed_small() {
+        let mut life = running();
+        for close in [true, true, true, true, false, true, true, true, true] {
+            let step = step(if close { 4e-4 } else { 6e-4 }, 0.01);
+            assert_eq!(life.advance(&step, &STOP), Progress::Moving { close });
+        }
+        assert_eq!(life.advance(&step(5e-4, 0.01), &STOP), Progress::Ended(Status::Converged));
+        assert_eq!(life.status(), Status::Converged);
+    }
+
+    #[test]
+    fn a_servoing_that_gets_worse_ends_as_diverging() {
+        let mut life = running();
+        assert_eq!(life.advance(&step(0.1, 0.02), &STOP), Progress::Moving { close: false });
+        for _ in 1..DIVERGING_FRAMES {
+            assert_eq!(life.advance(&step(0.1, 0.051), &STOP), Progress::Moving { close: false });
+        }
+        assert_eq!(life.advance(&step(0.1, 0.051), &STOP), Progress::Ended(Status::Diverging));
+    }
+
+    #[test]
+    fn one_better_frame_forgives_the_worse_ones_before() {
+        let mut life = running();
+        for frame in 0..100 {
+            let pixel_mse = if frame % 9 == 0 { 0.02 } else { 0.051 };
+            assert_eq!(life.advance(&step(0.1, pixel_mse), &STOP), Progress::Moving { close: false });
+        }
+    }
+
+    #[test]
+    fn a_latched_status_stays_until_start_or_resume() {
+        for (word, forgets) in [(Control::Start, true), (Control::Resume, false)] {
+            let mut life = running();
+            life.latch(Status::ClientLost);
+            assert_eq!(life.control(Control::Pause), Err(Status::ClientLost));
+            assert_eq!(life.control(word), Ok(forgets));
+            assert!(life.is_running());
+        }
+    }
+}
