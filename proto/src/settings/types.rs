@@ -76,9 +76,9 @@ pub enum KrawtchoukP {
 #[serde(rename_all = "snake_case")]
 pub enum Lattice {
     /// N + 1 points cut to N pixels, as the paper has it.
+    #[default]
     Paper,
     /// N points for N pixels.
-    #[default]
     Exact,
 }
 
