@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use domvs_proto::body;
 use domvs_proto::frame::{FrameError, FrameHeader, Secret};
-use domvs_proto::keys::TaskKey;
+use domvs_proto::keys::{Leaf, TaskKey};
 use domvs_proto::messages::{Control, ControlReply, ErrorCode, ErrorReply, TargetReference, TaskState};
 use domvs_proto::status::Status;
 use domvs_proto::twist::{TWIST_ENCODING, TwistMessage};
@@ -128,6 +128,18 @@ impl Desk {
         self.reply_twist(query, answer);
     }
 
+    /// The last words of a worker that ends: zeros, `owner_lost`, and an answer to every request that still waits.
+    pub(crate) fn part(&self, now: Moment) {
+        lock(&self.outlet).halt(Some(Status::OwnerLost), now);
+        let (requests, _) = self.mailbox.discard_images();
+        requests.iter().for_each(|request| self.refuse_twist(&request.query, Status::OwnerLost));
+        let mut board = lock(&self.board);
+        board.say(Status::OwnerLost, None);
+        if let Some(message) = board.due(now) {
+            self.publications.status(&body::write(&message));
+        }
+    }
+
     /// Puts the zeros, the limits and the words of the present settings everywhere they are used.
     fn settings_changed(&self, task: &Task) {
         let settings = task.settings();
@@ -151,22 +163,26 @@ impl Desk {
     fn obey(&self, order: Order) {
         lock(&self.board).used(self.shared.now());
         match order {
-            Order::Control(query) => self.answer(&query, |desk| desk.control(&query)),
-            Order::Settings(query) => self.answer(&query, |desk| desk.settings(&query)),
+            Order::Control(query) => self.answer(&query, Leaf::Control, |desk| desk.control(&query)),
+            Order::Settings(query) => self.answer(&query, Leaf::Settings, |desk| desk.settings(&query)),
             Order::Target(query, _) if query.payload().is_none_or(ZBytes::is_empty) => self.answer_target(&query),
-            Order::Target(query, received) => self.answer(&query, |desk| desk.set_target(&query, received)),
-            Order::State(query) => self.answer(&query, |desk| Ok(body::write(&desk.state(&lock(&desk.task))))),
+            Order::Target(query, received) => {
+                self.answer(&query, Leaf::Target, |desk| desk.set_target(&query, received));
+            }
+            Order::State(query) => {
+                self.answer(&query, Leaf::State, |desk| Ok(body::write(&desk.state(&lock(&desk.task)))));
+            }
             Order::Wake => {}
         }
     }
 
     /// Runs an order and replies with its JSON or its error; a panic in it ends the task, not the worker.
-    fn answer(&self, query: &Query, order: impl FnOnce(&Desk) -> Result<Vec<u8>, ErrorReply>) {
+    fn answer(&self, query: &Query, leaf: Leaf, order: impl FnOnce(&Desk) -> Result<Vec<u8>, ErrorReply>) {
         let outcome = self.guarded(|| order(self));
         let outcome = outcome
             .unwrap_or_else(|| Err(ErrorReply::new(ErrorCode::Internal, "the task failed; see the worker's log")));
         match outcome {
-            Ok(json) => reply_json(query, &json),
+            Ok(json) => reply_json(query, self.shared.keys.task(&self.key, leaf), &json),
             Err(error) => reply_error(query, &error),
         }
     }
@@ -174,6 +190,9 @@ impl Desk {
     fn control(&self, query: &Query) -> Result<Vec<u8>, ErrorReply> {
         self.check_owner(attached_secret(query).as_ref())?;
         let control: Control = read_json(query)?;
+        if matches!(control, Control::Start | Control::Resume) && self.is_without_client() {
+            return Ok(body::write(&ControlReply { status: Status::ClientLost }));
+        }
         let mut task = lock(&self.task);
         let status = task.control(control)?;
         let now = self.shared.now();
@@ -190,6 +209,11 @@ impl Desk {
         drop(outlet);
         tracing::info!(task = %self.key, ?control, %status, "control");
         self.said(&task, task.status())
+    }
+
+    /// The client's token has gone and is not back: nothing may move before it is.
+    fn is_without_client(&self) -> bool {
+        lock(&self.lease).gone_since.is_some() && !self.shared.client_is_alive(&self.key.client)
     }
 
     fn settings(&self, query: &Query) -> Result<Vec<u8>, ErrorReply> {
@@ -210,6 +234,7 @@ impl Desk {
             ErrorReply::new(if wrong_version { ErrorCode::WrongVersion } else { ErrorCode::BadTarget }, error)
         })?;
         self.check_owner(header.secret.as_ref())?;
+        self.check_bytes(query.payload()).map_err(|error| ErrorReply::new(ErrorCode::TooLarge, error))?;
         let payload = contiguous(query.payload());
         let encoding = query.encoding().map(ToString::to_string).unwrap_or_default();
         let frame =
@@ -250,8 +275,8 @@ impl Desk {
         let header = match header_of(query.attachment()) {
             Ok(header) => header,
             Err(error) => {
-                lock(&self.board).answered(&TwistMessage::zero(Status::BadFrame), 0, Some(&error.to_string()));
-                return self.reply_twist(query, TwistMessage::zero(Status::BadFrame));
+                let answer = self.refuse_frame(&lock(&self.task), Status::BadFrame, &error.to_string());
+                return self.reply_twist(query, answer);
             }
         };
         if let Err(error) = self.check_owner(header.secret.as_ref()) {
@@ -277,22 +302,20 @@ impl Desk {
 
     fn follow_frame(&self, pushed: &PushedFrame) {
         let attachment = pushed.attachment.as_ref().map(ZBytes::to_bytes);
-        let header = FrameHeader::from_attachment(attachment.as_deref());
-        let payload = pushed.payload.to_bytes();
+        let header = self
+            .check_bytes(Some(&pushed.payload))
+            .and_then(|()| FrameHeader::from_attachment(attachment.as_deref()).map_err(|error| error.to_string()));
+        let payload = if header.is_ok() { pushed.payload.to_bytes() } else { Cow::Borrowed(&[][..]) };
         let mut task = lock(&self.task);
         let (header, answer) = match header {
             Ok(header) => {
                 let doubtful = u128::from(self.doubtful_until_ns.load(Ordering::Acquire));
                 let stale = header.capture_time_ns == 0 && pushed.received.as_nanos() < doubtful;
                 let frame = self.frame(pushed, &header, &payload);
-                let answer = if stale { self.stale(&frame) } else { self.compute(&mut task, &frame) };
+                let answer = if stale { self.stale(&task, &frame) } else { self.compute(&mut task, &frame) };
                 (header, answer)
             }
-            Err(error) => {
-                let answer = TwistMessage { epoch: self.epoch, ..TwistMessage::zero(Status::BadFrame) };
-                lock(&self.board).answered(&answer, 0, Some(&error.to_string()));
-                (unreadable_header(), answer)
-            }
+            Err(error) => (unreadable_header(), self.refuse_frame(&task, Status::BadFrame, &error)),
         };
         let sent = lock(&self.outlet).send(answer, pushed.received, self.shared.now());
         task.commanded(Twist::from_array(sent.twist));
@@ -308,11 +331,23 @@ impl Desk {
         Frame { header, encoding: &pushed.encoding, payload, received: pushed.received, route: Route::Pushed }
     }
 
-    fn stale(&self, frame: &Frame<'_>) -> TwistMessage {
-        let mut answer = TwistMessage { epoch: self.epoch, ..TwistMessage::zero(Status::StaleFrame) };
-        answer.sequence = frame.header.sequence;
-        lock(&self.board).answered(&answer, 0, Some("the worker was paused, and the frame has no capture time"));
+    fn stale(&self, task: &Task, frame: &Frame<'_>) -> TwistMessage {
+        let detail = "the worker was paused, and the frame has no capture time";
+        let answer = self.refuse_frame(task, Status::StaleFrame, detail);
+        TwistMessage { sequence: frame.header.sequence, ..answer }
+    }
+
+    /// Zeros for a frame that never gets to the pipeline. A task that stands says why it stands.
+    fn refuse_frame(&self, task: &Task, status: Status, detail: &str) -> TwistMessage {
+        let (status, detail) = if task.is_running() { (status, Some(detail)) } else { (task.status(), None) };
+        let answer = TwistMessage { epoch: self.epoch, ..TwistMessage::zero(status) };
+        lock(&self.board).answered(&answer, task.iterations(), detail);
         answer
+    }
+
+    fn check_bytes(&self, payload: Option<&ZBytes>) -> Result<(), String> {
+        let (limit, got) = (self.shared.config.limits.bytes_per_payload, payload.map_or(0, ZBytes::len));
+        if got <= limit { Ok(()) } else { Err(format!("a payload may have {limit} bytes, got {got}")) }
     }
 
     /// One frame through the pipeline, measured; a panic in it latches `internal`.
@@ -405,9 +440,9 @@ impl Desk {
     }
 }
 
-/// Replies on the query's own key, which is one of ours.
-pub(crate) fn reply_json(query: &Query, json: &[u8]) {
-    log_failure(query.reply(query.key_expr(), json).encoding(body::JSON).wait());
+/// Replies on `key`, which is ours: the query's own may be a wildcard, and Zenoh keeps one answer per key.
+pub(crate) fn reply_json(query: &Query, key: String, json: &[u8]) {
+    log_failure(query.reply(key, json).encoding(body::JSON).wait());
 }
 
 /// Replies with an error body.

@@ -131,10 +131,6 @@ fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
     let received = shared.now();
     let mut board = lock(&desk.board);
     board.frame_arrived(received);
-    if sample.payload().len() > shared.config.limits.bytes_per_payload {
-        board.dropped().bad += 1;
-        return;
-    }
     let frame = PushedFrame {
         attachment: sample.attachment().cloned(),
         encoding: sample.encoding().to_string(),

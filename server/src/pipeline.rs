@@ -60,8 +60,13 @@ pub fn on_frame(task: &mut Task, frame: &Frame<'_>, now: Moment) -> TwistMessage
 
 /// The steps in their order; diagnostics are noted in `answer` on the way.
 fn compute(task: &mut Task, frame: &Frame<'_>, now: Moment, answer: &mut TwistMessage) -> Result<Twist, Refusal> {
-    check_time(task, frame, now)?;
-    check_life(task, frame)?;
+    // The clocks are looked at whatever the task does, but a task that stands says why it stands.
+    let in_time = check_time(task, frame, now);
+    if in_time.is_ok() {
+        autostart(task, frame);
+    }
+    check_life(task)?;
+    in_time?;
 
     let decoded = task
         .decoder
@@ -127,11 +132,14 @@ pub fn is_past_deadline(deadline_us: u32, waited: Duration) -> bool {
     deadline_us > 0 && waited > Duration::from_micros(u64::from(deadline_us))
 }
 
-fn check_life(task: &mut Task, frame: &Frame<'_>) -> Result<(), Refusal> {
+fn autostart(task: &mut Task, frame: &Frame<'_>) {
     if task.settings.autostart && task.life.status() == Status::Ready {
         tracing::info!(sequence = frame.header.sequence, "started by the first frame");
         task.life.autostart();
     }
+}
+
+fn check_life(task: &Task) -> Result<(), Refusal> {
     if task.life.is_running() { Ok(()) } else { Err(task.life.status().into()) }
 }
 

@@ -116,6 +116,11 @@ impl Task {
         self.life.status()
     }
 
+    /// Whether a good frame may move the camera.
+    pub fn is_running(&self) -> bool {
+        self.life.is_running()
+    }
+
     /// The numbers behind the last refusal of a frame.
     pub fn detail(&self) -> Option<&str> {
         self.detail.as_deref()

@@ -42,6 +42,8 @@ const JOBS: usize = 256;
 const CLIENTS: usize = 10_000;
 /// Frames that may wait for the disk.
 const RECORDED_FRAMES: usize = 64;
+/// What the last zeros get before the session ends: Zenoh sends the end of a token before any data that waits.
+const HEAD_START: Duration = Duration::from_millis(20);
 /// How long the end of a recording may take.
 const RECORD_CLOSE: Duration = Duration::from_secs(1);
 
@@ -147,12 +149,9 @@ impl Service {
         join(clock).await;
         self.shared.pool.close();
         for desk in self.shared.desks() {
-            lock(&desk.outlet).halt(Some(Status::OwnerLost), self.shared.now());
-            lock(&desk.board).say(Status::OwnerLost, None);
-            if let Some(message) = lock(&desk.board).due(self.shared.now()) {
-                desk.publications.status(&body::write(&message));
-            }
+            desk.part(self.shared.now());
         }
+        tokio::time::sleep(HEAD_START).await;
         // The registrar empties its queue before it sees this, unless the queue is full: then it ends with the session.
         if self.shared.jobs.send_timeout(Job::Shutdown, Duration::from_millis(200)).is_ok() {
             join(self.registrar).await;
@@ -166,6 +165,8 @@ impl Service {
                 Err(error) => tracing::error!(%error, "recording"),
             }
         }
+        // They hold this worker, as it holds them.
+        lock(&self.shared.desks).clear();
         tracing::info!(worker = %self.shared.worker, "stopped");
     }
 }
@@ -303,7 +304,10 @@ impl Registrar {
         while let Ok(job) = jobs.recv() {
             match job {
                 Job::Create(query) => self.answer_create(&query),
-                Job::Info(query) => reply_json(&query, &body::write(&self.shared.info())),
+                Job::Info(query) => {
+                    let key = self.shared.keys.worker_info(&self.shared.worker);
+                    reply_json(&query, key, &body::write(&self.shared.info()));
+                }
                 Job::Unclaimed(query) => self.answer_unclaimed(&query),
                 Job::OrderRefused(order) => refuse_order(&order),
                 Job::TwistRefused(desk, query, status) => desk.refuse_twist(&query, status),
@@ -315,7 +319,7 @@ impl Registrar {
 
     fn answer_create(&mut self, query: &Query) {
         match self.create(query) {
-            Ok(reply) => reply_json(query, &body::write(&reply)),
+            Ok(reply) => reply_json(query, query.key_expr().to_string(), &body::write(&reply)),
             Err(error) => reply_error(query, &error),
         }
     }

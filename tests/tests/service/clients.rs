@@ -275,7 +275,8 @@ async fn a_task_whose_client_never_had_a_token_does_not_move_for_long() {
     let settings = serde_json::to_vec(&Scene::small("coffee").settings()).expect("JSON");
     let created = Question::on("domvs/worker/w1/create/ghost").with(settings).ask(&session).await.json();
     let key: TaskKey = created["task"].as_str().expect("text").parse().expect("a task");
-    let mut statuses = stage.client("bob").await.statuses(&key).await.expect("followed");
+    let witness = stage.client("bob").await;
+    let mut statuses = witness.statuses(&key).await.expect("followed");
     // Two seconds by docs/protocol.md.
     next_status(&mut statuses, "client_lost", |message| message.status == Status::ClientLost).await;
     stage.close().await;

@@ -37,7 +37,7 @@ fn gray_frames(gray: &[u8], jpeg: Vec<u8>) -> Vec<(&'static str, OutgoingFrame, 
 
 /// A picture whose channels differ, so that no two of them can be mistaken for each other.
 fn colour_frames(gray: &[u8]) -> Vec<(&'static str, OutgoingFrame, f64)> {
-    let rgb: Vec<[u8; 3]> = gray.iter().map(|&gray| [gray, 255 - gray / 2, gray / 3]).collect();
+    let rgb: Vec<[u8; 3]> = gray.iter().map(|&gray| [gray, 20 + gray / 2, gray / 5]).collect();
     let raw = |format, pixels: Vec<u8>| OutgoingFrame::raw(format, SIZE[0], SIZE[1], pixels).expect("true lengths");
     let each = |bytes: fn(&[u8; 3]) -> Vec<u8>| rgb.iter().flat_map(bytes).collect::<Vec<u8>>();
     let luma = |&[r, g, b]: &[u8; 3]| {

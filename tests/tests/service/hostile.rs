@@ -284,7 +284,9 @@ async fn bombs_in_png_files_do_not_go_off() {
             Question::on(key).with(file.clone()).encoded("image/png").attached(siege.secret().as_bytes())
         };
         let twist = siege.ask(question(keys.twist(siege.key()))).await.twist();
-        assert_eq!((twist.status, twist.twist), (Status::BadFrame, ZEROS), "{what}");
+        // What claims a small size is unpacked to that size and no further: a black picture.
+        let expected = if what.starts_with("a small size") { Status::LowTexture } else { Status::BadFrame };
+        assert_eq!((twist.status, twist.twist), (expected, ZEROS), "{what}");
         let code = code(siege.ask(question(keys.target(siege.key()))).await);
         assert!([ErrorCode::BadTarget, ErrorCode::TooLarge].contains(&code), "{what}: {code}");
     }

@@ -208,7 +208,7 @@ async fn tokens(client: &Client, key: &str) -> flume::Receiver<Token> {
         .declare_subscriber(key)
         .history(true)
         .callback(move |sample| {
-            drop(hand_over.send((Instant::now(), (sample.kind(), sample.key_expr().to_string()))));
+            let _ = hand_over.send((Instant::now(), (sample.kind(), sample.key_expr().to_string())));
         })
         .background()
         .await

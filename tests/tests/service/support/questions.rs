@@ -22,7 +22,7 @@ pub struct Question {
 /// What came back.
 #[derive(Clone, Debug)]
 pub enum Answer {
-    Good { key: String, payload: Vec<u8>, encoding: String, attachment: Option<Vec<u8>> },
+    Good { key: String, payload: Vec<u8>, attachment: Option<Vec<u8>> },
     Refused(ErrorReply),
 }
 
@@ -68,7 +68,10 @@ impl Question {
             .encoding(self.encoding)
             .attachment(self.attachment.clone())
             .timeout(LIMIT)
-            .callback(move |reply| drop(hand_over.send(reply)))
+            .callback(move |reply| {
+                // Nobody waits for it any more.
+                let _ = hand_over.send(reply);
+            })
             .await
             .expect("the session is open");
         let mut answers = vec![];
@@ -85,7 +88,6 @@ impl Answer {
             Ok(sample) => Answer::Good {
                 key: sample.key_expr().to_string(),
                 payload: sample.payload().to_bytes().into_owned(),
-                encoding: sample.encoding().to_string(),
                 attachment: sample.attachment().map(|bytes| bytes.to_bytes().into_owned()),
             },
             Err(error) => {
