@@ -59,11 +59,8 @@ async fn assert_same_twists(frames: Vec<(&'static str, OutgoingFrame, f64)>, tar
     let stage = Stage::open().await;
     let client = stage.client("alice").await;
     // A fixed order: a twist then depends on its frame alone.
-    let settings = TaskSettings {
-        depth: Depth::ConstantM(1.0),
-        order: OrderRange { min: 8, max: 8 },
-        ..scene.settings()
-    };
+    let settings =
+        TaskSettings { depth: Depth::ConstantM(1.0), order: OrderRange { min: 8, max: 8 }, ..scene.settings() };
     let task = started(&client, &settings, target).await;
     let mut expected = None;
     for (sequence, (format, frame, tolerance)) in (1..).zip(frames) {

@@ -101,7 +101,13 @@ fn samples(rng: &mut StdRng, count: usize, range: std::ops::Range<f32>) -> Vec<u
         0 => rng.gen_range(range.clone()),
         1 => range.start + (range.end - range.start) * (index as f32 / count as f32),
         2 => level,
-        _ => if index.abs_diff(spot) < 40 { range.end } else { range.start },
+        _ => {
+            if index.abs_diff(spot) < 40 {
+                range.end
+            } else {
+                range.start
+            }
+        }
     };
     (0..count)
         .flat_map(|index| if rng.gen_bool(broken) { broken_sample } else { sample(index, rng) }.to_le_bytes())

@@ -106,7 +106,8 @@ async fn a_few_unknown_depths_are_filled_and_flagged_and_over_half_of_them_stop(
     mostly_unknown[..width * height / 2 + 1].fill(0.0);
     let stopped = task.twist(&with_depth(&view, &mostly_unknown).numbered(6, 0)).await.expect("answered");
     assert_eq!((stopped.status, stopped.twist), (Status::NoDepth, ZEROS));
-    let no_plane = OutgoingFrame::mono8(width as u32, height as u32, gray8(&view)).expect("true lengths").numbered(7, 0);
+    let no_plane =
+        OutgoingFrame::mono8(width as u32, height as u32, gray8(&view)).expect("true lengths").numbered(7, 0);
     assert_eq!(task.twist(&no_plane).await.expect("answered").status, Status::NoDepth);
     assert!(task.twist(&scene.frame(8)).await.expect("answered").is_servoing());
     stage.close().await;

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use domvs_client::ImageFile;
 use domvs_proto::settings::{Depth, Frames, Gain, Limits};
-use domvs_simulators::node::CameraNode;
 use domvs_simulators::DepthPacking;
+use domvs_simulators::node::CameraNode;
 
 use crate::support::{
     Following, OutgoingFrame, Scene, Stage, Status, TaskSettings, ZEROS, in_time, jpeg, next_status, push, started,
@@ -59,8 +59,12 @@ async fn zeros_follow_the_death_of_the_camera_within_the_watchdog_time() {
     let mut scene = Scene::small("coffee");
     let watchdog = Duration::from_millis(300);
     // So slow that the camera is still on its way when it dies.
-    let settings =
-        TaskSettings { gain: Some(Gain::PerS(0.2)), watchdog_ms: Some(300), frames: Frames::Pushed, ..scene.settings() };
+    let settings = TaskSettings {
+        gain: Some(Gain::PerS(0.2)),
+        watchdog_ms: Some(300),
+        frames: Frames::Pushed,
+        ..scene.settings()
+    };
     let task = started(&client, &settings, &scene.target()).await;
     let following = Following::on(client.session(), stage.keys.command(task.key())).await;
     let camera = scene.following(task.key(), stage.keys.frame(task.key()), 15.0);
@@ -191,11 +195,7 @@ async fn a_camera_that_can_only_put_a_jpeg_is_servoed() {
     let stage = Stage::open().await;
     let client = stage.client("alice").await;
     let mut scene = Scene::small("coffee");
-    let settings = TaskSettings {
-        frames: Frames::Pushed,
-        depth: Depth::ConstantM(1.0),
-        ..scene.settings()
-    };
+    let settings = TaskSettings { frames: Frames::Pushed, depth: Depth::ConstantM(1.0), ..scene.settings() };
     let target = OutgoingFrame::file(ImageFile::Jpeg, jpeg(&scene.simulation.capture_desired()));
     let task = started(&client, &settings, &target.expect("not empty")).await;
     let following = Following::on(client.session(), stage.keys.command(task.key())).await;

@@ -46,7 +46,8 @@ async fn a_recording_holds_frames_twists_statuses_and_settings_and_no_secret() {
     let (keys, key, secret) = (stage.keys.clone(), task.key().clone(), task.secret().expect("told once").clone());
     stage.close().await;
 
-    let files: Vec<_> = std::fs::read_dir(folder.path()).expect("there").map(|file| file.expect("there").path()).collect();
+    let files: Vec<_> =
+        std::fs::read_dir(folder.path()).expect("there").map(|file| file.expect("there").path()).collect();
     assert_eq!(files.len(), 1, "{files:?}");
     let bytes = std::fs::read(&files[0]).expect("readable");
     let topics = read(&bytes);

@@ -56,17 +56,15 @@ async fn the_answer_as_json_has_the_fields_of_the_bytes() {
     let client = stage.client("alice").await;
     let mut scene = Scene::small("camera");
     // A fixed order: the twist then depends on the frame alone, not on the frames before it.
-    let settings =
-        TaskSettings { order: OrderRange { min: 8, max: 8 }, ..scene.settings() };
+    let settings = TaskSettings { order: OrderRange { min: 8, max: 8 }, ..scene.settings() };
     let task = started(&client, &settings, &scene.target()).await;
     let frame = scene.frame(7);
     let bytes = task.twist(&frame).await.expect("answered");
 
     let secret = task.secret().cloned();
     let header = FrameHeader { secret, ..frame.header().clone() };
-    let question = |selector: String| {
-        Question::on(selector).with(frame.payload().to_bytes()).encoded("application/octet-stream")
-    };
+    let question =
+        |selector: String| Question::on(selector).with(frame.payload().to_bytes()).encoded("application/octet-stream");
     let twist = stage.keys.twist(task.key());
     let answer = question(format!("{twist}?format=json")).attached(header.encode()).ask(client.session()).await.json();
     let again = question(twist).attached(header.encode()).ask(client.session()).await.twist();
@@ -110,7 +108,8 @@ async fn a_deadline_that_cannot_be_kept_is_answered_with_zeros() {
     // One microsecond: no frame is decoded in it.
     let (secret, deadline_us) = (task.secret().cloned(), 1);
     let header = FrameHeader { secret, deadline_us, ..frame.header().clone() };
-    let question = Question::on(stage.keys.twist(task.key())).with(frame.payload().to_bytes()).attached(header.encode());
+    let question =
+        Question::on(stage.keys.twist(task.key())).with(frame.payload().to_bytes()).attached(header.encode());
     let late = question.ask(client.session()).await.twist();
     assert_eq!((late.status, late.twist, late.sequence), (Status::DeadlineMissed, ZEROS, 5));
     assert!(task.twist(&scene.frame(6)).await.expect("answered").is_servoing(), "it clears at the next good frame");

@@ -4,9 +4,7 @@ use domvs_proto::frame::{FrameHeader, HEADER_BYTES};
 use domvs_proto::settings::{Depth, Frames, Limits, Method, OrderRange};
 use serde_json::json;
 
-use crate::support::{
-    Answer, ErrorCode, Question, Scene, Stage, TaskSettings, in_time, refusal, started,
-};
+use crate::support::{Answer, ErrorCode, Question, Scene, Stage, TaskSettings, in_time, refusal, started};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_patch_changes_what_it_names_and_null_brings_the_default_back() {
@@ -48,7 +46,11 @@ async fn a_wrong_patch_is_refused_with_the_numbers_and_changes_nothing() {
         (json!({ "watchdog_ms": 30 }), ErrorCode::BadSettings, ["30", "133.3"]),
         (json!({ "ordre": 4 }), ErrorCode::BadSettings, ["ordre", "unknown"]),
         (json!({ "gain": { "per_s": -1 } }), ErrorCode::BadSettings, ["gain.per_s", "-1"]),
-        (json!({ "degrees_of_freedom": [false, false, false, false, false, false] }), ErrorCode::BadSettings, ["six", "none"]),
+        (
+            json!({ "degrees_of_freedom": [false, false, false, false, false, false] }),
+            ErrorCode::BadSettings,
+            ["six", "none"],
+        ),
         (json!({ "method": "photometric" }), ErrorCode::NotSupported, ["photometric", "not supported"]),
         (json!({ "frames": "pushed" }), ErrorCode::NotSupported, ["frames", "create"]),
         (json!({ "lease": "none" }), ErrorCode::NotSupported, ["lease", "create"]),
