@@ -39,14 +39,7 @@ pub(crate) fn run(shared: &Arc<Shared>, closing: &Receiver<()>) {
 
 fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
     throw_away_after_pause(desk, pause, now);
-    let (lease, idle_close, watched) = {
-        // The pool may hold the task for one step; the clock does not wait for it.
-        match desk.task.try_lock() {
-            Ok(task) => (task.settings().lease, Duration::from_secs(u64::from(task.settings().idle_close_s)), true),
-            Err(_) => (Lease::None, Duration::MAX, false),
-        }
-    };
-    if watched && lease == Lease::Client && !desk.closing.load(Ordering::Acquire) {
+    if desk.lease == Lease::Client && !desk.closing.load(Ordering::Acquire) {
         watch_client(desk, now);
     }
     obey_halt(desk, now);
@@ -55,7 +48,8 @@ fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
     if let Some(braked) = lock(&desk.outlet).tick(status, now) {
         board.say(braked, Some("no frame came within the watchdog time"));
     }
-    let idle = lease == Lease::None && now.saturating_sub(board.last_used()) > idle_close;
+    let idle_close = Duration::from_secs(u64::from(desk.idle_close_s.load(Ordering::Acquire)));
+    let idle = desk.lease == Lease::None && now.saturating_sub(board.last_used()) > idle_close;
     let message = board.due(now);
     drop(board);
     if let Some(message) = message {
@@ -94,7 +88,7 @@ fn wake(desk: &Arc<Desk>) {
 
 fn watch_client(desk: &Arc<Desk>, now: Moment) {
     let present = desk.shared.client_is_alive(&desk.key.client);
-    let mut lease = lock(&desk.lease);
+    let mut lease = lock(&desk.lease_watch);
     if present {
         lease.seen = true;
         lease.gone_since = None;

@@ -4,13 +4,14 @@
 use std::any::Any;
 use std::borrow::Cow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use domvs_proto::body;
 use domvs_proto::frame::{FrameError, FrameHeader, Secret};
 use domvs_proto::keys::{Leaf, TaskKey};
 use domvs_proto::messages::{Control, ControlReply, ErrorCode, ErrorReply, TargetReference, TaskState};
+use domvs_proto::settings::Lease;
 use domvs_proto::status::Status;
 use domvs_proto::twist::{TWIST_ENCODING, TwistMessage};
 use domvs_vision::Twist;
@@ -79,7 +80,11 @@ pub(crate) struct Desk {
     pub(crate) outlet: Mutex<Outlet>,
     pub(crate) board: Mutex<Board>,
     /// The client's token, as the clock sees it.
-    pub(crate) lease: Mutex<LeaseWatch>,
+    pub(crate) lease_watch: Mutex<LeaseWatch>,
+    /// Of the settings: what the clock needs without waiting for the task, which the pool may hold.
+    pub(crate) lease: Lease,
+    /// The same; changes with the settings.
+    pub(crate) idle_close_s: AtomicU32,
     /// A status to latch before anything else is done; set by callbacks and the clock.
     pub(crate) halt: Mutex<Option<Status>>,
     /// Pushed frames without a capture time that were received before this are of unknown age, ns.
@@ -144,6 +149,7 @@ impl Desk {
     fn settings_changed(&self, task: &Task) {
         let settings = task.settings();
         let period = std::time::Duration::from_secs_f64(settings.frame_period_s);
+        self.idle_close_s.store(settings.idle_close_s, Ordering::Release);
         lock(&self.outlet).governor_mut().reconfigure(acceleration_limits(settings), task.watchdog(), period);
         if let Some(recorder) = &self.shared.recorder {
             let json = String::from_utf8_lossy(&body::write(settings)).into_owned();
@@ -213,7 +219,7 @@ impl Desk {
 
     /// The client's token has gone and is not back: nothing may move before it is.
     fn is_without_client(&self) -> bool {
-        lock(&self.lease).gone_since.is_some() && !self.shared.client_is_alive(&self.key.client)
+        lock(&self.lease_watch).gone_since.is_some() && !self.shared.client_is_alive(&self.key.client)
     }
 
     fn settings(&self, query: &Query) -> Result<Vec<u8>, ErrorReply> {

@@ -2,7 +2,7 @@
 //! watches them, the pool computes.
 
 use std::collections::{HashMap, HashSet};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
@@ -439,7 +439,9 @@ fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zeno
         secret: Secret::new(rand::random()),
         shared: Arc::clone(shared),
         halt: Mutex::new(None),
-        lease: Mutex::new(LeaseWatch::default()),
+        lease_watch: Mutex::new(LeaseWatch::default()),
+        lease: settings.lease,
+        idle_close_s: AtomicU32::new(settings.idle_close_s),
         doubtful_until_ns: AtomicU64::new(0),
         closing: AtomicBool::new(false),
         scheduled: AtomicBool::new(false),
