@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use domvs_proto::settings::{Frames, Gain, Stop};
+use domvs_proto::settings::{Frames, Gain, Lease, Stop};
 use zenoh::sample::SampleKind;
 
 use crate::support::{
@@ -139,6 +139,51 @@ async fn the_iteration_cap_ends_a_servoing_and_is_not_called_converged() {
     let statuses: Vec<Status> = answers.iter().map(|answer| answer.status).collect();
     assert_eq!(statuses, [Status::Servoing, Status::Servoing, Status::IterationCap, Status::IterationCap]);
     assert_eq!(answers[3].twist, ZEROS);
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_camera_that_moves_the_wrong_way_is_called_diverging() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let settings = scene.settings();
+    let task = started(&client, &settings, &scene.target()).await;
+    let last = in_time("the end", async {
+        for sequence in 1.. {
+            let answer = task.twist(&scene.frame(sequence)).await.expect("answered");
+            if !answer.is_servoing() {
+                return answer;
+            }
+            scene.simulation.apply(answer.twist.map(|component| -0.5 * component), settings.frame_period_s);
+        }
+        unreachable!("there are more frames than time")
+    })
+    .await;
+    assert_eq!((last.status, last.twist), (Status::Diverging, ZEROS));
+    let latched = task.twist(&scene.frame(10_000)).await.expect("answered");
+    assert_eq!(latched.status, Status::Diverging);
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_task_without_a_lease_lives_until_nobody_uses_it() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let settings = TaskSettings { lease: Lease::None, idle_close_s: 1, ..scene.settings() };
+    let task = started(&client, &settings, &scene.target()).await;
+    let (key, secret) = (task.key().clone(), task.secret().cloned());
+    drop(task);
+    client.close().await.expect("the session closes");
+    let other = stage.client("bob").await;
+    let task = other.attach(key.clone(), secret).await.expect("it outlives its client");
+    assert!(task.twist(&scene.frame(1)).await.expect("answered").is_servoing());
+    let tokens = tokens(&other, &stage.keys.owners_of(&key)).await;
+    let (_, (kind, _)) = in_time("the token that is there", tokens.recv_async()).await.expect("open");
+    assert_eq!(kind, SampleKind::Put);
+    let (_, (kind, _)) = in_time("closed after a second of silence", tokens.recv_async()).await.expect("open");
+    assert_eq!(kind, SampleKind::Delete);
     stage.close().await;
 }
 

@@ -9,8 +9,8 @@ use domvs_server::ServerConfig;
 use image::ExtendedColorType;
 
 use crate::support::{
-    Client, Following, LIMIT, Question, Scene, Stage, Status, Task, TaskSettings, ZEROS, gray8, in_time, next_status,
-    png, started,
+    Answer, Client, ErrorCode, Following, LIMIT, Question, Scene, Stage, Status, Task, TaskSettings, ZEROS, gray8,
+    in_time, next_status, png, started,
 };
 
 /// Requests at once; a mailbox holds four.
@@ -114,4 +114,82 @@ async fn of_many_pushed_frames_the_newest_wins_and_the_others_are_counted() {
         following.drain().into_iter().filter(|message| message.is_servoing()).map(|message| message.sequence).collect();
     assert!(!sequences.is_empty() && sequences.is_sorted_by(|a, b| a < b), "in order and once: {sequences:?}");
     stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_flood_of_orders_is_answered_one_by_one() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let scene = Scene::small("coffee");
+    let task = client.create_task(&scene.settings()).await.expect("created");
+    let secret = task.secret().expect("told once").as_bytes().to_vec();
+    let asked: Vec<_> = (0..REQUESTS)
+        .map(|_| {
+            let question =
+                Question::on(stage.keys.control(task.key())).with(r#"{"do": "stop"}"#).attached(secret.clone());
+            let session = client.session().clone();
+            tokio::spawn(async move { question.ask(&session).await })
+        })
+        .collect();
+    let mut obeyed = 0;
+    for asked in asked {
+        match in_time("an answer", asked).await.expect("no panic") {
+            Answer::Refused(error) => assert_eq!(error.code, ErrorCode::Quota, "{error}"),
+            good => {
+                assert_eq!(good.json()["status"], "stopped");
+                obeyed += 1;
+            }
+        }
+    }
+    assert!(obeyed > 0);
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_task_that_never_rests_still_halts_when_its_client_goes() {
+    let stage = Stage::with(ServerConfig { threads: 1, ..ServerConfig::default() }).await;
+    let client = stage.client("alice").await;
+    let (task, frame) = slow(&client).await;
+    let witness = stage.client("bob").await;
+    let following = Following::on(witness.session(), stage.keys.command(task.key())).await;
+    let camera = witness.attach(task.key().clone(), None).await.expect("it has an owner");
+    let flood = tokio::spawn(async move {
+        for sequence in 1.. {
+            // Frames go with congestion control Drop: those that are too many are lost on their way.
+            camera.push(&frame.clone().numbered(sequence, 0)).await.expect("open");
+            tokio::task::yield_now().await;
+        }
+    });
+    following.until("motion", |message| message.is_servoing()).await;
+    client.close().await.expect("the session closes");
+    let (_, halted) = following.until("client_lost under load", |message| message.status == Status::ClientLost).await;
+    assert_eq!(halted.twist, ZEROS);
+    flood.abort();
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn tasks_that_come_and_go_leave_nothing_behind() {
+    let stage = Arc::new(Stage::open().await);
+    let scene = Scene::small("coffee");
+    let clients: Vec<_> = (0..4)
+        .map(|number| {
+            let (stage, settings) = (stage.clone(), scene.settings());
+            tokio::spawn(async move {
+                let client = stage.client(&format!("client-{number}")).await;
+                for _ in 0..15 {
+                    let task = client.create_task(&settings).await.expect("created");
+                    task.close().await.expect("closed");
+                }
+            })
+        })
+        .collect();
+    for client in clients {
+        in_time("sixty tasks", client).await.expect("no client fails");
+    }
+    let witness = stage.client("witness").await;
+    in_time("the last one goes", async { while witness.list_workers().await.expect("it answers")[0].tasks > 0 {} })
+        .await;
+    assert!(witness.list_tasks().await.expect("answered").is_empty());
+    Arc::into_inner(stage).expect("all clients have ended").close().await;
 }
