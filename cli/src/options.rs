@@ -13,7 +13,7 @@ mod window;
 pub use depth::DepthSource;
 pub use network::NetworkOptions;
 pub use scene::{DisplacementOption, LightOption, SceneOptions, SizeOption};
-pub use servo::ServoOptions;
+pub use servo::{FeatureOptions, ServoOptions};
 pub use view::{CameraOption, DepthOption};
 pub use window::{KrawtchoukOption, LatticeOption, WindowOption};
 

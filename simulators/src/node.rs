@@ -112,7 +112,16 @@ impl CameraNode {
         let thread = std::thread::Builder::new().name(name).spawn(move || {
             Flight::new(settings, simulation, frame_period, outputs, first).run(&flight_inbox);
         })?;
-        Ok(CameraNode { session, inbox, thread: Some(thread), truth, _commands: commands, _stop: stop, _desired: desired, _alive: alive })
+        Ok(CameraNode {
+            session,
+            inbox,
+            thread: Some(thread),
+            truth,
+            _commands: commands,
+            _stop: stop,
+            _desired: desired,
+            _alive: alive,
+        })
     }
 
     /// Where the camera really is; changes after every move and every event.

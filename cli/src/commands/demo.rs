@@ -83,7 +83,7 @@ struct Run {
 /// Fails when the photograph cannot be read, the scene is impossible, no port is free, or the folder cannot be written.
 pub fn run(args: &DemoArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<ExitCode> {
     let camera = args.scene.camera(Name::try_from("demo")?)?;
-    let live = LiveLine::new(args.servo.method.word(), paint_errors);
+    let live = LiveLine::new(args.servo.features.method.word(), paint_errors);
     let runtime = crate::runtime()?;
     let run = runtime.block_on(servo(args, camera, &live));
     live.clear();

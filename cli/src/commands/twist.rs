@@ -15,10 +15,7 @@ use domvs_vision::{Gain, Law, OrderRule, Servo, Step};
 use self::answer::Answer;
 use self::inputs::Inputs;
 use crate::exit;
-use crate::options::{
-    CameraOption, DepthOption, KrawtchoukOption, LatticeOption, MethodOption, OrderOption, WindowOption, finite,
-    positive,
-};
+use crate::options::{CameraOption, DepthOption, FeatureOptions, KrawtchoukOption, LatticeOption, finite, positive};
 use crate::paint::{Paint, print_line};
 
 /// Compute one twist from two image files
@@ -59,18 +56,9 @@ pub struct TwistArgs {
     #[arg(long, value_name = "M", default_value = "0.001", value_parser = positive, allow_hyphen_values = true)]
     pub depth_unit: f64,
 
-    /// The polynomials that make the moments
-    #[arg(long, value_enum, default_value_t)]
-    pub method: MethodOption,
-
-    /// Order of the moments: one number, or a range to adapt in (both ends included)
-    #[arg(long, value_name = "N|MIN..MAX", default_value_t, allow_hyphen_values = true)]
-    pub order: OrderOption,
-
-    /// Hahn's window: adaptive (as the authors' program), adaptive_paper (as printed), a,b or ax,bx,ay,by;
-    /// the other methods ignore it
-    #[arg(long, value_name = "W", default_value_t, allow_hyphen_values = true)]
-    pub window: WindowOption,
+    /// What is compared.
+    #[command(flatten)]
+    pub features: FeatureOptions,
 
     /// Krawtchouk's centre as fractions of the image: adaptive, or px,py; the other methods ignore it
     #[arg(long, value_name = "P", default_value_t, allow_hyphen_values = true)]
@@ -133,11 +121,11 @@ fn solve(args: &TwistArgs, inputs: &Inputs) -> anyhow::Result<Step> {
 
 fn law(args: &TwistArgs) -> anyhow::Result<Law> {
     Ok(Law {
-        method: args.method.into(),
-        window: args.window.into(),
+        method: args.features.method.into(),
+        window: args.features.window.into(),
         krawtchouk_p: args.krawtchouk_p.into(),
         lattice: args.lattice.into(),
-        order: OrderRule::new(args.order.min, args.order.max, args.epsilon)?,
+        order: OrderRule::new(args.features.order.min, args.features.order.max, args.epsilon)?,
         gain: Gain::PerSecond(args.gain),
         step_cap: None,
         degrees_of_freedom: [true; 6],

@@ -160,7 +160,10 @@ fn gain_is_by_the_way_each_frame_comes_unless_set() {
     assert_eq!(defaults().gain_for_requests(), Gain::StepFraction(0.5));
     assert_eq!(defaults().gain_for_pushed_frames(), Gain::PerS(1.0));
     let set = created(json!({ "gain": { "step_fraction": 0.2 } })).unwrap();
-    assert_eq!((set.gain_for_requests(), set.gain_for_pushed_frames()), (Gain::StepFraction(0.2), Gain::StepFraction(0.2)));
+    assert_eq!(
+        (set.gain_for_requests(), set.gain_for_pushed_frames()),
+        (Gain::StepFraction(0.2), Gain::StepFraction(0.2))
+    );
     let swapped = json!({ "adaptive": { "at_zero": 0.4, "at_infinity": 4.0, "slope_at_zero": 30.0 } });
     assert!(created(json!({ "gain": swapped })).is_err());
     assert!(created(json!({ "gain": { "per_s": 1.0, "step_fraction": 0.5 } })).is_err());

@@ -48,7 +48,7 @@ async fn servo(
         simulation.apply(answer.twist, settings.frame_period_s);
     }
     Ok(RunRecord {
-        method: args.servo.method.word().to_owned(),
+        method: args.servo.features.method.word().to_owned(),
         converged: simulation.error().is_converged(),
         status: status.word().to_owned(),
         rows,

@@ -84,7 +84,7 @@ async fn follow(
     };
     task.stop().await.context("cannot stop the task")?;
     Ok(RunRecord {
-        method: args.servo.method.word().to_owned(),
+        method: args.servo.features.method.word().to_owned(),
         converged: truth.borrow().error.is_converged(),
         status: status.word().to_owned(),
         rows,

@@ -43,7 +43,7 @@ impl Answer {
             "servoing" => paint.good(self.status),
             other => paint.bad(other),
         };
-        let (method, window) = (args.method, self.window_text(args.method));
+        let (method, window) = (args.features.method, self.window_text(args.features.method));
         let mut lines = vec![
             ("status", status),
             ("method", format!("{method}, order {}, {} features{window}", self.order, self.features)),
