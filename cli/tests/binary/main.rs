@@ -1,0 +1,7 @@
+//! The built binary, as a shell sees it: arguments, output, files, exit codes.
+
+#![expect(clippy::unwrap_used, reason = "a test stops where something that must hold does not")]
+
+mod demo;
+mod network;
+mod twist;
