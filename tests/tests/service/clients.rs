@@ -10,8 +10,8 @@ use domvs_simulators::Rendering;
 use domvs_vision::{Depth, Intrinsics, Law, OrderRule, Plane, Servo, View};
 
 use crate::support::{
-    Answer, ErrorCode, Following, OutgoingFrame, Question, Scene, Stage, Status, TaskKey, TaskSettings, ZEROS, code,
-    gray8, in_time, next_status, push, refusal, started,
+    ErrorCode, Following, OutgoingFrame, Question, Scene, Stage, Status, TaskKey, TaskSettings, ZEROS, becomes_unknown,
+    code, gray8, in_time, next_status, push, refusal, started,
 };
 
 const PHOTOGRAPHS: [&str; 4] = ["astronaut", "coffee", "chelsea", "camera"];
@@ -184,13 +184,6 @@ async fn what_does_not_exist_and_what_is_no_name_are_told_apart() {
         assert_eq!(code(answer), ErrorCode::BadName, "{name:?}");
     }
     stage.close().await;
-}
-
-/// Waits until nobody knows the task any more; the question needs no secret to be told so.
-async fn becomes_unknown(stage: &Stage, session: &zenoh::Session, key: &TaskKey) {
-    let question = Question::on(stage.keys.control(key)).with(r#"{"do": "stop"}"#);
-    let closed = |answer| matches!(answer, Answer::Refused(error) if error.code == ErrorCode::UnknownTask);
-    in_time("the closed task is unknown", async { while !closed(question.ask(session).await) {} }).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -6,7 +6,7 @@ use domvs_proto::settings::{Frames, Gain, Lease, Stop};
 use zenoh::sample::SampleKind;
 
 use crate::support::{
-    Client, ErrorCode, Following, Question, Scene, Stage, Status, TaskSettings, TwistMessage, ZEROS, code, in_time,
+    Client, Following, Question, Scene, Stage, Status, TaskSettings, TwistMessage, ZEROS, becomes_unknown, in_time,
     next_status, push, started,
 };
 
@@ -200,15 +200,7 @@ async fn closing_a_task_takes_its_keys_away() {
     task.close().await.expect("obeyed");
     let (_, token) = in_time("the token goes", tokens.recv_async()).await.expect("open");
     assert_eq!(token.0, SampleKind::Delete);
-    in_time("unknown", async {
-        loop {
-            let answer = Question::on(stage.keys.settings(&key)).ask(client.session()).await;
-            if code(answer) == ErrorCode::UnknownTask {
-                return;
-            }
-        }
-    })
-    .await;
+    becomes_unknown(&stage, client.session(), &key).await;
     assert!(client.list_tasks().await.expect("answered").is_empty());
     stage.close().await;
 }

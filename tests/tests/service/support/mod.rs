@@ -102,6 +102,14 @@ pub fn refusal<T: std::fmt::Debug>(result: Result<T, ClientError>) -> (ErrorCode
     }
 }
 
+/// Waits until nobody knows the task any more; the question needs no secret to be told so.
+pub async fn becomes_unknown(stage: &Stage, session: &Session, key: &TaskKey) {
+    let question = Question::on(stage.keys.control(key)).with(r#"{"do": "stop"}"#);
+    let closed = |answer: &Answer| matches!(answer, Answer::Refused(error) if error.code == ErrorCode::UnknownTask);
+    // While its keys are taken away one by one, the task and the worker may both answer.
+    in_time("the closed task is unknown", async { while !question.ask_all(session).await.iter().any(closed) {} }).await;
+}
+
 pub fn name(text: &str) -> Name {
     text.try_into().expect("a fine name")
 }
