@@ -109,7 +109,7 @@ impl Life {
                 self.latch(Status::Stopped);
                 Ok(false)
             }
-            _ if !self.has_target => Err(self.status()),
+            _ if !self.has_target => Err(Status::WaitingTarget),
             (Control::Start, _) => {
                 self.reset();
                 self.phase = Phase::Running;
@@ -226,6 +226,7 @@ mod tests {
     fn a_stop_before_the_target_outlives_it() {
         let mut life = Life::default();
         life.latch(Status::Stopped);
+        assert_eq!(life.control(Control::Start), Err(Status::WaitingTarget), "what is missing, not what it says");
         life.target_set();
         life.autostart();
         assert_eq!((life.status(), life.is_running()), (Status::Stopped, false));

@@ -51,6 +51,9 @@ pub fn on_frame(task: &mut Task, frame: &Frame<'_>, now: Moment) -> TwistMessage
             task.detail = None;
         }
         Err(refusal) => {
+            if refusal.status == Status::Internal {
+                task.life.latch(Status::Internal);
+            }
             answer.status = refusal.status;
             task.detail = refusal.detail;
         }
@@ -100,6 +103,9 @@ fn compute(task: &mut Task, frame: &Frame<'_>, now: Moment, answer: &mut TwistMe
     if step.rank_deficient {
         let detail = format!("the image fixes {} of the free degrees of freedom", step.rank);
         return Err(Refusal::because(Status::RankDeficient, detail));
+    }
+    if !step.twist.to_array().iter().all(|component| component.is_finite()) {
+        return Err(Refusal::because(Status::Internal, "the law made a twist that is not finite"));
     }
     match task.life.advance(&step, &task.settings.stop) {
         Progress::Ended(status) => Err(status.into()),

@@ -158,6 +158,8 @@ impl Task {
                 if let (true, Some(target)) = (forget_initial, self.target.as_mut()) {
                     target.servo.restart();
                 }
+                // What stood still before this word proves nothing about the camera after it.
+                self.freeze = FreezeDetector::default();
                 self.detail = None;
                 Ok(self.life.status())
             }
