@@ -19,13 +19,14 @@ pub struct Board {
     born: Moment,
     last_published: Option<Moment>,
     last_used: Moment,
+    last_frame: Moment,
 }
 
 impl Board {
     /// The board of a task created at `born`.
     pub fn new(task: TaskKey, epoch: u32, born: Moment) -> Board {
         let message = StatusMessage::new(task, Status::WaitingTarget, epoch);
-        Board { message, born, last_published: None, last_used: born }
+        Board { message, born, last_published: None, last_used: born, last_frame: born }
     }
 
     /// What the task said last.
@@ -38,10 +39,15 @@ impl Board {
         self.last_used
     }
 
+    /// When a frame last came, by either way.
+    pub fn last_frame(&self) -> Moment {
+        self.last_frame
+    }
+
     /// Notes that a frame arrived, by either way.
     pub fn frame_arrived(&mut self, now: Moment) {
         self.message.frames_in += 1;
-        self.last_used = now;
+        (self.last_used, self.last_frame) = (now, now);
     }
 
     /// Notes that an order arrived.

@@ -13,12 +13,13 @@ use domvs_proto::settings::Lease;
 use domvs_proto::status::Status;
 
 use crate::Moment;
-use crate::desk::{Desk, Order, lock};
-use crate::mailbox::Mailbox;
+use crate::desk::{Desk, lock};
 use crate::worker::{Job, Shared};
 
 /// Between two looks: how late a zero may come after the watchdog has run out.
 const TICK: Duration = Duration::from_millis(5);
+/// A task without a frame for this long is not said to be servoing any more, even if it only answers requests.
+const QUIET: Duration = Duration::from_secs(2);
 /// A client whose token has not arrived this long after its task was created counts as gone.
 const TOKEN_GRACE: Duration = Duration::from_secs(2);
 
@@ -43,13 +44,21 @@ fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
         watch_client(desk, now);
     }
     obey_halt(desk, now);
+    let status = match lock(&desk.board).status() {
+        Status::Servoing => Status::WaitingFrame,
+        status => status,
+    };
+    // Published without the board, which callbacks need.
+    let braked = lock(&desk.outlet).tick(status, now);
     let mut board = lock(&desk.board);
-    let status = if board.status() == Status::Servoing { Status::WaitingFrame } else { board.status() };
-    if let Some(braked) = lock(&desk.outlet).tick(status, now) {
-        board.say(braked, Some("no frame came within the watchdog time"));
+    let quiet = now.saturating_sub(board.last_frame()) > QUIET;
+    if board.status() == Status::Servoing && (braked.is_some() || quiet) {
+        board.say(Status::WaitingFrame, Some("no frame came within the watchdog time"));
     }
     let idle_close = Duration::from_secs(u64::from(desk.idle_close_s.load(Ordering::Acquire)));
-    let idle = desk.lease == Lease::None && now.saturating_sub(board.last_used()) > idle_close;
+    if desk.lease == Lease::None && now.saturating_sub(board.last_used()) > idle_close {
+        desk.closing.store(true, Ordering::Release);
+    }
     let message = board.due(now);
     drop(board);
     if let Some(message) = message {
@@ -60,7 +69,7 @@ fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
             recorder.status(&desk.shared.keys.status(&desk.key), desk.shared.wall_ns(now), text);
         }
     }
-    if idle || desk.closing.load(Ordering::Acquire) {
+    if desk.closing.load(Ordering::Acquire) {
         desk.shared.give(Job::Close(desk.key.clone()));
     }
 }
@@ -76,13 +85,6 @@ fn obey_halt(desk: &Arc<Desk>, now: Moment) {
     }
     drop(outlet);
     drop(halt);
-    wake(desk);
-}
-
-/// Makes the pool look at a task that may have nothing in its mailbox.
-fn wake(desk: &Arc<Desk>) {
-    // A full queue wakes it just as well.
-    let _ = Mailbox::push_order(&desk.mailbox, Order::Wake);
     desk.shared.pool.schedule(desk);
 }
 

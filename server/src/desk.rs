@@ -40,8 +40,6 @@ pub(crate) enum Order {
     Target(Query, Moment),
     /// `state`.
     State(Query),
-    /// Nothing to answer: the clock has set [`Desk::halt`].
-    Wake,
 }
 
 /// A request on `twist`.
@@ -108,7 +106,7 @@ impl Work for Desk {
     }
 
     fn has_work(&self) -> bool {
-        self.mailbox.has_items()
+        self.mailbox.has_items() || lock(&self.halt).is_some()
     }
 
     fn scheduled(&self) -> &AtomicBool {
@@ -178,7 +176,6 @@ impl Desk {
             Order::State(query) => {
                 self.answer(&query, Leaf::State, |desk| Ok(body::write(&desk.state(&lock(&desk.task)))));
             }
-            Order::Wake => {}
         }
     }
 

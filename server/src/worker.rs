@@ -414,7 +414,6 @@ fn refuse_order(order: &Order) {
         Order::Control(query) | Order::Settings(query) | Order::Target(query, _) | Order::State(query) => {
             reply_error(query, &busy);
         }
-        Order::Wake => {}
     }
 }
 
