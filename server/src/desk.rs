@@ -197,9 +197,13 @@ impl Desk {
             return Ok(body::write(&ControlReply { status: Status::ClientLost }));
         }
         let mut task = lock(&self.task);
+        let mut outlet = lock(&self.outlet);
+        // Whoever closes says so before it halts the outlet for good, so nothing lifts that halt.
+        if self.closing.load(Ordering::Acquire) {
+            return Err(ErrorReply::new(ErrorCode::Closed, format!("task {} is being closed", self.key)));
+        }
         let status = task.control(control)?;
         let now = self.shared.now();
-        let mut outlet = lock(&self.outlet);
         match control {
             Control::Start | Control::Resume => outlet.halt(None, now),
             Control::Pause | Control::Stop => outlet.brake(status, now),
@@ -294,13 +298,24 @@ impl Desk {
             received: request.received,
             route: Route::Requested,
         };
-        let mut answer = self.compute(&mut lock(&self.task), &frame);
-        let waited = self.shared.now().saturating_sub(request.received);
-        if answer.is_servoing() && is_past_deadline(header.deadline_us, waited) {
-            answer = refused(answer, Status::DeadlineMissed);
-        }
+        let answer = self.compute(&mut lock(&self.task), &frame);
+        let answer = if answer.is_servoing() { self.in_time(answer, request, &header) } else { answer };
         self.reply_twist(query, answer);
         self.record(&frame, query.payload(), &self.shared.keys.twist(&self.key), &answer);
+    }
+
+    /// Looks once more before motion is answered: the computation took time, and the world went on.
+    fn in_time(&self, answer: TwistMessage, request: &TwistRequest, header: &FrameHeader) -> TwistMessage {
+        if let Some(status) = *lock(&self.halt) {
+            return refused(answer, status);
+        }
+        if !is_past_deadline(header.deadline_us, self.shared.now().saturating_sub(request.received)) {
+            return answer;
+        }
+        let mut board = lock(&self.board);
+        board.dropped().deadline += 1;
+        board.say(Status::DeadlineMissed, Some("the computation ended after the deadline"));
+        refused(answer, Status::DeadlineMissed)
     }
 
     fn follow_frame(&self, pushed: &PushedFrame) {

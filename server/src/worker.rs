@@ -402,8 +402,9 @@ impl Registrar {
 
     fn close(&mut self, task: &TaskKey) {
         let Some(desk) = lock(&self.shared.desks).remove(task) else { return };
-        self.endpoints.remove(task);
+        desk.closing.store(true, Ordering::Release);
         lock(&desk.outlet).halt(Some(Status::Stopped), self.shared.now());
+        self.endpoints.remove(task);
         tracing::info!(%task, "closed");
     }
 }
