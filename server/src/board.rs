@@ -80,6 +80,13 @@ impl Board {
         self.say(answer.status, detail);
     }
 
+    /// Notes that the outlet sent zeros instead of the answer.
+    pub fn overruled(&mut self, sent: &TwistMessage) {
+        let stale = sent.status == Status::StaleFrame;
+        self.message.frames_dropped.stale += u64::from(stale);
+        self.say(sent.status, stale.then_some("the twist was ready too late, or the worker stood still"));
+    }
+
     /// Changes the last word; a change is published at the clock's next look.
     pub fn say(&mut self, status: Status, detail: Option<&str>) {
         if status != self.message.status {

@@ -119,8 +119,7 @@ fn throw_away_after_pause(desk: &Arc<Desk>, pause: Duration, now: Moment) {
         return;
     }
     tracing::warn!(task = %desk.key, pause_ms = pause.as_millis(), "the worker stood still; queued frames are thrown away");
-    let until = u64::try_from((now + watchdog).as_nanos()).unwrap_or(u64::MAX);
-    desk.doubtful_until_ns.store(until, Ordering::Release);
+    lock(&desk.outlet).doubt(now);
     let (requests, frame) = desk.mailbox.discard_images();
     lock(&desk.board).dropped().stale += requests.len() as u64 + u64::from(frame.is_some());
     for request in requests {

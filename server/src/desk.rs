@@ -4,7 +4,7 @@
 use std::any::Any;
 use std::borrow::Cow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use domvs_proto::body;
@@ -85,8 +85,6 @@ pub(crate) struct Desk {
     pub(crate) idle_close_s: AtomicU32,
     /// A status to latch before anything else is done; set by callbacks and the clock.
     pub(crate) halt: Mutex<Option<Status>>,
-    /// Pushed frames without a capture time that were received before this are of unknown age, ns.
-    pub(crate) doubtful_until_ns: AtomicU64,
     /// The client, or nobody's using it, asked for the end.
     pub(crate) closing: AtomicBool,
     pub(crate) scheduled: AtomicBool,
@@ -327,10 +325,8 @@ impl Desk {
         let mut task = lock(&self.task);
         let (header, answer) = match header {
             Ok(header) => {
-                let doubtful = u128::from(self.doubtful_until_ns.load(Ordering::Acquire));
-                let stale = header.capture_time_ns == 0 && pushed.received.as_nanos() < doubtful;
                 let frame = self.frame(pushed, &header, &payload);
-                let answer = if stale { self.stale(&task, &frame) } else { self.compute(&mut task, &frame) };
+                let answer = self.compute(&mut task, &frame);
                 (header, answer)
             }
             Err(error) => (unreadable_header(), self.refuse_frame(&task, Status::BadFrame, &error)),
@@ -339,7 +335,7 @@ impl Desk {
         task.commanded(Twist::from_array(sent.twist));
         drop(task);
         if sent.status != answer.status {
-            lock(&self.board).say(sent.status, None);
+            lock(&self.board).overruled(&sent);
         }
         let frame = self.frame(pushed, &header, &payload);
         self.record(&frame, Some(&pushed.payload), &self.shared.keys.command(&self.key), &sent);
@@ -347,12 +343,6 @@ impl Desk {
 
     fn frame<'a>(&self, pushed: &'a PushedFrame, header: &'a FrameHeader, payload: &'a [u8]) -> Frame<'a> {
         Frame { header, encoding: &pushed.encoding, payload, received: pushed.received, route: Route::Pushed }
-    }
-
-    fn stale(&self, task: &Task, frame: &Frame<'_>) -> TwistMessage {
-        let detail = "the worker was paused, and the frame has no capture time";
-        let answer = self.refuse_frame(task, Status::StaleFrame, detail);
-        TwistMessage { sequence: frame.header.sequence, ..answer }
     }
 
     /// Zeros for a frame that never gets to the pipeline. A task that stands says why it stands.

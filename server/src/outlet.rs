@@ -25,12 +25,16 @@ pub struct Outlet {
     /// Repeated as zeros: what the task said last, without its twist.
     last: TwistMessage,
     halted: Option<Status>,
+    /// When the clock last looked.
+    looked: Option<Moment>,
+    /// Frames without a capture time that were received before this are of unknown age.
+    doubtful_until: Moment,
 }
 
 impl Outlet {
     /// An outlet at rest, which hands every message to `publish`.
     pub fn new(governor: Governor, first: TwistMessage, publish: Publish) -> Outlet {
-        Outlet { governor, publish, last: first, halted: None }
+        Outlet { governor, publish, last: first, halted: None, looked: None, doubtful_until: Moment::ZERO }
     }
 
     /// Gives the governor new limits.
@@ -43,7 +47,7 @@ impl Outlet {
     pub fn send(&mut self, mut message: TwistMessage, received: Moment, now: Moment) -> TwistMessage {
         if let Some(status) = self.halted {
             message = refused(message, status);
-        } else if message.is_servoing() && !self.governor.is_current(received, now) {
+        } else if message.is_servoing() && !self.is_trusted(&message, received, now) {
             message = refused(message, Status::StaleFrame);
         }
         if message.is_servoing() {
@@ -54,6 +58,18 @@ impl Outlet {
             self.governor.brake(now);
         }
         self.publish(message)
+    }
+
+    /// The frame is young enough, the clock is there to brake, and no pause of the process hides the frame's age.
+    fn is_trusted(&self, message: &TwistMessage, received: Moment, now: Moment) -> bool {
+        self.governor.is_current(received, now)
+            && self.looked.is_none_or(|looked| self.governor.is_current(looked, now))
+            && (message.capture_time_ns != 0 || received >= self.doubtful_until)
+    }
+
+    /// The process stood still: for one watchdog time, frames without a capture time prove nothing about now.
+    pub fn doubt(&mut self, now: Moment) {
+        self.doubtful_until = now + self.governor.watchdog();
     }
 
     /// Sends zeros with this status at once, whatever waits.
@@ -78,6 +94,7 @@ impl Outlet {
     /// Called often by the clock: zeros the moment the frames stay away, and at 10 Hz while nothing moves.
     /// `status` is what to say when nothing moves. Returns the status sent when the watchdog braked.
     pub fn tick(&mut self, status: Status, now: Moment) -> Option<Status> {
+        self.looked = Some(now);
         if self.governor.is_silent(now) {
             self.brake(Status::WaitingFrame, now);
             return Some(Status::WaitingFrame);
@@ -151,5 +168,24 @@ mod tests {
         assert_eq!((message.status, message.twist), (Status::Stopped, [0.0; 6]));
         outlet.halt(None, ms(3));
         assert_eq!(outlet.send(servoing(), ms(4), ms(5)).status, Status::Servoing);
+    }
+
+    #[test]
+    fn without_a_clock_that_brakes_nothing_moves() {
+        let (mut outlet, _) = outlet();
+        outlet.tick(Status::Ready, ms(0));
+        assert_eq!(outlet.send(servoing(), ms(300), ms(300)).status, Status::Servoing);
+        let message = outlet.send(servoing(), ms(301), ms(301));
+        assert_eq!((message.status, message.twist), (Status::StaleFrame, [0.0; 6]));
+    }
+
+    #[test]
+    fn after_a_pause_only_a_capture_time_tells_the_age() {
+        let (mut outlet, _) = outlet();
+        outlet.doubt(ms(1000));
+        let timed = TwistMessage { capture_time_ns: 1, ..servoing() };
+        assert_eq!(outlet.send(servoing(), ms(1299), ms(1299)).status, Status::StaleFrame);
+        assert_eq!(outlet.send(timed, ms(1299), ms(1299)).status, Status::Servoing);
+        assert_eq!(outlet.send(servoing(), ms(1300), ms(1300)).status, Status::Servoing);
     }
 }

@@ -442,7 +442,6 @@ fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zeno
         lease_watch: Mutex::new(LeaseWatch::default()),
         lease: settings.lease,
         idle_close_s: AtomicU32::new(settings.idle_close_s),
-        doubtful_until_ns: AtomicU64::new(0),
         closing: AtomicBool::new(false),
         scheduled: AtomicBool::new(false),
         key,
