@@ -213,6 +213,12 @@ impl Shared {
         lock(&self.desks).values().cloned().collect()
     }
 
+    /// Whether a key under `task` belongs to nobody here. With a wildcard somebody is gathering; silence is right then.
+    fn is_unclaimed(&self, key: &KeyExpr<'_>) -> bool {
+        let ours = |(task, _)| lock(&self.desks).contains_key(&task);
+        !key.is_wild() && !self.keys.parse_task(key.as_str()).is_some_and(ours)
+    }
+
     pub(crate) fn client_is_alive(&self, client: &Name) -> bool {
         lock(&self.clients).contains(client)
     }
@@ -266,14 +272,23 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
         let shared = Arc::clone(shared);
         move |_: Sample| shared.desks().iter().for_each(|desk| desk.request_halt(Status::Stopped))
     };
+    let unclaimed = {
+        let shared = Arc::clone(shared);
+        move |query: Query| {
+            // A session hands a query to all of its queryables that match, the tasks' own among them.
+            if shared.is_unclaimed(query.key_expr()) {
+                shared.give(Job::Unclaimed(query));
+            }
+        }
+    };
     let subscribers = vec![
         session.liveliness().declare_subscriber(keys.clients_alive()).history(true).callback(clients).await?,
         session.declare_subscriber(keys.stop()).callback(stop).await?,
     ];
     let queryables = vec![
         session.declare_queryable(keys.creates(worker)).complete(true).callback(give(Job::Create)).await?,
-        // Not complete: a task's own keys are, and they win. What nobody owns lands here.
-        session.declare_queryable(keys.tasks()).complete(false).callback(give(Job::Unclaimed)).await?,
+        // Not complete: a task's own keys are, and they win at the router. What nobody owns lands here.
+        session.declare_queryable(keys.tasks()).complete(false).callback(unclaimed).await?,
         session.declare_queryable(keys.worker_info(worker)).complete(true).callback(give(Job::Info)).await?,
     ];
     Ok((queryables, subscribers))
@@ -384,14 +399,10 @@ impl Registrar {
         Ok(())
     }
 
-    /// A task's key that no task answers. With a wildcard somebody is gathering; silence is right then.
+    /// A task's key that no task answers.
     fn answer_unclaimed(&self, query: &Query) {
         let key = query.key_expr();
-        if key.is_wild() {
-            return;
-        }
         match self.shared.keys.parse_task(key.as_str()) {
-            Some((task, _)) if lock(&self.shared.desks).contains_key(&task) => {}
             Some((task, _)) => {
                 let error = format!("there is no task {task}; it may have been closed");
                 reply_error(query, &ErrorReply::new(ErrorCode::UnknownTask, error));
