@@ -129,9 +129,8 @@ impl Desk {
         self.reply_twist(query, answer);
     }
 
-    /// The last words of a worker that ends: zeros, `owner_lost`, and an answer to every request that still waits.
+    /// The last words of a worker that ends, after its zeros: `owner_lost`, and an answer to every request that waits.
     pub(crate) fn part(&self, now: Moment) {
-        lock(&self.outlet).halt(Some(Status::OwnerLost), now);
         let (requests, _) = self.mailbox.discard_images();
         requests.iter().for_each(|request| self.refuse_twist(&request.query, Status::OwnerLost));
         let mut board = lock(&self.board);

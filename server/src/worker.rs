@@ -44,6 +44,8 @@ const CLIENTS: usize = 10_000;
 const RECORDED_FRAMES: usize = 64;
 /// What the last zeros get before the session ends: Zenoh sends the end of a token before any data that waits.
 const HEAD_START: Duration = Duration::from_millis(20);
+/// How long the threads may take to end.
+const THREADS_END: Duration = Duration::from_millis(1500);
 /// How long the end of a recording may take.
 const RECORD_CLOSE: Duration = Duration::from_secs(1);
 
@@ -71,7 +73,7 @@ impl From<zenoh::Error> for ServiceError {
     }
 }
 
-/// A running worker. Ends with [`Service::shutdown`].
+/// A running worker. Ends with [`Service::shutdown`]; dropped, it ends in the same order, but nobody waits for it.
 pub struct Service {
     shared: Arc<Shared>,
     _queryables: Vec<Queryable<()>>,
@@ -122,7 +124,10 @@ impl Service {
         let (closing, closed) = mpsc::sync_channel(1);
         let clock = {
             let shared = Arc::clone(&shared);
-            spawn("domvs-clock", move || clock::run(&shared, &closed))?
+            spawn("domvs-clock", move || {
+                clock::run(&shared, &closed);
+                shared.end();
+            })?
         };
         let (queryables, subscribers) = declare(&shared).await?;
         let alive = shared.session.liveliness().declare_token(shared.keys.worker_alive(&shared.worker)).await?;
@@ -146,15 +151,12 @@ impl Service {
     pub async fn shutdown(self) {
         let (closing, clock) = self.clock;
         drop(closing);
-        join(clock).await;
-        self.shared.pool.close();
-        for desk in self.shared.desks() {
-            desk.part(self.shared.now());
-        }
-        tokio::time::sleep(HEAD_START).await;
-        // The registrar empties its queue before it sees this, unless the queue is full: then it ends with the session.
-        if self.shared.jobs.send_timeout(Job::Shutdown, Duration::from_millis(200)).is_ok() {
+        let ends = async {
+            join(clock).await;
             join(self.registrar).await;
+        };
+        if tokio::time::timeout(THREADS_END, ends).await.is_err() {
+            tracing::warn!("a thread of the worker hangs in a reply; it ends with the session");
         }
         if let Err(error) = self.shared.session.close().await {
             tracing::warn!(%error, "the session did not close cleanly");
@@ -165,8 +167,6 @@ impl Service {
                 Err(error) => tracing::error!(%error, "recording"),
             }
         }
-        // They hold this worker, as it holds them.
-        lock(&self.shared.desks).clear();
         tracing::info!(worker = %self.shared.worker, "stopped");
     }
 }
@@ -241,6 +241,23 @@ impl Shared {
 
     pub(crate) fn set_load(&self, load: f64) {
         self.load.store(load.to_bits(), Ordering::Relaxed);
+    }
+
+    /// The clock's last act, so that a service which is only dropped ends in the same way: zeros at once, then the
+    /// threads, then the last words, then the keys.
+    fn end(&self) {
+        for desk in self.desks() {
+            desk.closing.store(true, Ordering::Release);
+            desk.request_halt(Status::OwnerLost);
+            lock(&desk.outlet).halt(Some(Status::OwnerLost), self.now());
+        }
+        self.pool.close();
+        self.desks().iter().for_each(|desk| desk.part(self.now()));
+        std::thread::sleep(HEAD_START);
+        // The registrar empties its queue before it sees this.
+        if self.jobs.send_timeout(Job::Shutdown, Duration::from_millis(200)).is_err() {
+            tracing::warn!("the registrar is busy; it ends with the session");
+        }
     }
 
     fn info(&self) -> WorkerInfo {
@@ -330,6 +347,9 @@ impl Registrar {
                 Job::Shutdown => break,
             }
         }
+        // They hold this worker, as it holds them.
+        let desks = std::mem::take(&mut *lock(&self.shared.desks));
+        drop(desks);
     }
 
     fn answer_create(&mut self, query: &Query) {
