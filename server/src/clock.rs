@@ -14,7 +14,8 @@ use domvs_proto::status::Status;
 
 use crate::Moment;
 use crate::desk::{Desk, lock};
-use crate::worker::{Job, Shared};
+use crate::registrar::Job;
+use crate::worker::Shared;
 
 /// Between two looks: how late a zero may come after the watchdog has run out.
 const TICK: Duration = Duration::from_millis(5);
@@ -69,8 +70,8 @@ fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
             recorder.status(&desk.shared.keys.status(&desk.key), desk.shared.wall_ns(now), text);
         }
     }
-    if desk.closing.load(Ordering::Acquire) {
-        desk.shared.give(Job::Close(desk.key.clone()));
+    if desk.closing.load(Ordering::Acquire) && !desk.close_given.load(Ordering::Acquire) {
+        desk.close_given.store(desk.shared.give(Job::Close(desk.key.clone())), Ordering::Release);
     }
 }
 

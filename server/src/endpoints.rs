@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use domvs_proto::body;
 use domvs_proto::keys::{Keys, TaskKey};
+use domvs_proto::messages::{ErrorCode, ErrorReply};
 use domvs_proto::settings::Frames;
 use domvs_proto::status::Status;
 use domvs_proto::twist::TWIST_ENCODING;
@@ -18,8 +19,10 @@ use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 use crate::desk::{Desk, Order, PushedFrame, TwistRequest, lock};
+use crate::orders::attached_secret;
 use crate::outlet::Publish;
-use crate::worker::{Job, Shared};
+use crate::registrar::Job;
+use crate::worker::Shared;
 
 /// What a task publishes besides `command`.
 pub(crate) struct Publications {
@@ -67,7 +70,7 @@ impl Endpoints {
     pub(crate) fn declare(desk: &Arc<Desk>, frames: &Frames) -> zenoh::Result<Endpoints> {
         let (session, keys, task) = (&desk.shared.session, &desk.shared.keys, &desk.key);
         let queryables = vec![
-            queryable(session, keys.control(task), desk, |desk, query| order(desk, Order::Control(query)))?,
+            queryable(session, keys.control(task), desk, control)?,
             queryable(session, keys.settings(task), desk, |desk, query| order(desk, Order::Settings(query)))?,
             queryable(session, keys.state(task), desk, |desk, query| order(desk, Order::State(query)))?,
             queryable(session, keys.target(task), desk, |desk, query| {
@@ -101,11 +104,27 @@ fn frame_subscriber(session: &Session, key: String, desk: &Arc<Desk>) -> zenoh::
     session.declare_subscriber(key).callback(move |sample| push_frame(&desk, &sample)).wait()
 }
 
+/// A stop must find room: only the owner's words are let in, and they have a queue of their own.
+fn control(desk: &Arc<Desk>, query: Query) {
+    match desk.check_owner(attached_secret(&query).as_ref()) {
+        Ok(()) => enqueued(desk, desk.mailbox.push_urgent(Order::Control(query))),
+        Err(error) => {
+            desk.shared.give(Job::Refused(query, error));
+        }
+    }
+}
+
 fn order(desk: &Arc<Desk>, order: Order) {
-    let shared: &Shared = &desk.shared;
-    match desk.mailbox.push_order(order) {
-        Ok(()) => shared.pool.schedule(desk),
-        Err(order) => shared.give(Job::OrderRefused(order)),
+    enqueued(desk, desk.mailbox.push_order(order));
+}
+
+fn enqueued(desk: &Arc<Desk>, pushed: Result<(), Order>) {
+    match pushed {
+        Ok(()) => desk.shared.pool.schedule(desk),
+        Err(order) => {
+            let busy = ErrorReply::new(ErrorCode::Quota, "too many requests wait for this task; ask again");
+            desk.shared.give(Job::Refused(order.into_query(), busy));
+        }
     }
 }
 
@@ -122,7 +141,9 @@ fn request_twist(desk: &Arc<Desk>, query: Query) {
     };
     match refused {
         None => shared.pool.schedule(desk),
-        Some((query, status)) => shared.give(Job::TwistRefused(Arc::clone(desk), query, status)),
+        Some((query, status)) => {
+            shared.give(Job::TwistRefused(Arc::clone(desk), query, status));
+        }
     }
 }
 

@@ -1,9 +1,13 @@
 //! The service: bytes in, one plain call, bytes out; many tasks, few threads, one clock.
 //!
 //! The data's way, which is the order of the files: a Zenoh callback puts a frame into a task's `mailbox`, the
-//! `pool` picks the task, `pipeline::on_frame` takes the frame through `decode`, `screen`, the law and `life`,
-//! the answer goes back to whoever asked, or through the `governor` and the `outlet` to `command`. `worker` ties
-//! it to Zenoh, `clock` watches what does not happen. Start reading at [`pipeline::on_frame`].
+//! `pool` picks the task, [`pipeline::on_frame`] takes the frame through `decode`, `screen`, the law and `life`,
+//! and the answer goes back to whoever asked, or through the `governor` and the `outlet` to `command`.
+//!
+//! Around each [`task`] stand three things that are locked one by one: its *desk*, where the pool does its `orders`
+//! and `frames`; its *outlet*, the only way to `command`, which the clock can reach while the desk is busy; and its
+//! *board*, which holds what `status` says. `worker` ties all to Zenoh, the `registrar` makes and closes tasks, the
+//! `clock` watches what does not happen. Start reading at [`pipeline::on_frame`].
 
 use std::time::Duration;
 
@@ -35,9 +39,17 @@ mod board;
 
 mod desk;
 
+mod orders;
+
+mod frames;
+
+mod answers;
+
 mod endpoints;
 
 mod clock;
+
+mod registrar;
 
 mod worker;
 

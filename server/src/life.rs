@@ -100,6 +100,11 @@ impl Life {
         self.has_target = true;
     }
 
+    /// The target cannot be used any more.
+    pub fn target_lost(&mut self) {
+        self.has_target = false;
+    }
+
     /// Obeys a control word. Returns whether the law must forget its initial image. `close` changes nothing here.
     /// Fails with the present status when the word makes no sense now.
     pub fn control(&mut self, control: Control) -> Result<bool, Status> {

@@ -1,4 +1,5 @@
-//! What waits for one task: a few orders, a few twist requests, and the newest frame.
+//! What waits for one task: a few orders (a stop among them never waits behind another), a few twist requests,
+//! and the newest frame.
 //!
 //! Zenoh callbacks run on the session's receive path, so they only put things here and return. Nothing blocks
 //! and nothing grows: an order or a request that finds its queue full comes back to the caller, a frame
@@ -10,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// What [`Mailbox::take`] hands to the compute pool.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Item<O, R, F> {
-    /// Control, settings, target: always first.
+    /// Control first, then settings, target and state: always before images.
     Order(O),
     /// One twist request.
     Request(R),
@@ -27,6 +28,7 @@ pub struct Mailbox<O, R, F> {
 
 #[derive(Debug)]
 struct Slots<O, R, F> {
+    urgent: VecDeque<O>,
     orders: VecDeque<O>,
     requests: VecDeque<R>,
     frame: Option<F>,
@@ -34,15 +36,21 @@ struct Slots<O, R, F> {
 }
 
 impl<O, R, F> Mailbox<O, R, F> {
-    /// A mailbox that holds `depth` orders, `depth` requests and one frame.
+    /// A mailbox that holds `depth` urgent orders, `depth` other orders, `depth` requests and one frame.
     pub fn new(depth: usize) -> Mailbox<O, R, F> {
         let slots = Slots {
+            urgent: VecDeque::with_capacity(depth),
             orders: VecDeque::with_capacity(depth),
             requests: VecDeque::with_capacity(depth),
             frame: None,
             frame_goes_next: false,
         };
         Mailbox { depth, slots: Mutex::new(slots) }
+    }
+
+    /// Adds an order that goes before all others and has room of its own, or gives it back when even that is full.
+    pub fn push_urgent(&self, order: O) -> Result<(), O> {
+        push(&mut self.lock().urgent, order, self.depth)
     }
 
     /// Adds an order, or gives it back when the queue is full.
@@ -63,6 +71,9 @@ impl<O, R, F> Mailbox<O, R, F> {
     /// The next thing to do: orders first, then requests and the frame in turn.
     pub fn take(&self) -> Option<Item<O, R, F>> {
         let mut slots = self.lock();
+        if let Some(order) = slots.urgent.pop_front() {
+            return Some(Item::Order(order));
+        }
         if let Some(order) = slots.orders.pop_front() {
             return Some(Item::Order(order));
         }
@@ -78,7 +89,7 @@ impl<O, R, F> Mailbox<O, R, F> {
     /// Whether [`Mailbox::take`] would return something.
     pub fn has_items(&self) -> bool {
         let slots = self.lock();
-        !slots.orders.is_empty() || !slots.requests.is_empty() || slots.frame.is_some()
+        !slots.urgent.is_empty() || !slots.orders.is_empty() || !slots.requests.is_empty() || slots.frame.is_some()
     }
 
     /// Takes out every image that waits, for a worker that was away too long to use them.
@@ -130,6 +141,18 @@ mod tests {
         assert_eq!(mailbox.take(), Some(Item::Frame(10)));
         assert_eq!(mailbox.take(), Some(Item::Request(2)));
         assert!(!mailbox.has_items());
+    }
+
+    #[test]
+    fn an_urgent_order_finds_room_and_goes_first_when_the_others_wait() {
+        let mailbox = mailbox();
+        assert_eq!(
+            (mailbox.push_order("get"), mailbox.push_order("set"), mailbox.push_order("get")),
+            (Ok(()), Ok(()), Err("get"))
+        );
+        assert_eq!(mailbox.push_urgent("stop"), Ok(()));
+        assert_eq!(mailbox.take(), Some(Item::Order("stop")));
+        assert_eq!(mailbox.take(), Some(Item::Order("get")));
     }
 
     #[test]

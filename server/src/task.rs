@@ -171,8 +171,14 @@ impl Task {
     }
 
     /// Halts with a latched status, from outside the image's way: stop for all, a lost client, a panic.
+    /// After `internal` nothing that a panic may have left half done is used again: the target must be set anew.
     pub fn latch(&mut self, status: Status) {
         self.life.latch(status);
+        if status == Status::Internal {
+            self.life.target_lost();
+            self.target = None;
+            self.decoder = Decoder::new();
+        }
     }
 
     /// Takes a desired image. The task keeps its phase; counters and I° start anew. On an error nothing changes.
@@ -191,14 +197,14 @@ impl Task {
     }
 
     /// Changes settings by a merge patch and returns those in force then. On an error nothing changes.
-    /// A law that changes starts anew on the same target, with a new I°.
+    /// A law that changes starts anew on the same target, with a new I°; gain, limits and the like change on the way.
     pub fn change_settings(&mut self, patch: &Value) -> Result<&TaskSettings, ErrorReply> {
         let settings = self.settings.merge_patch(patch).map_err(|error| ErrorReply::from(&error))?;
         if settings.frames != self.settings.frames || settings.lease != self.settings.lease {
             let error = "frames and lease are fixed when a task is created; create another task";
             return Err(ErrorReply::new(ErrorCode::NotSupported, error));
         }
-        if let Some(target) = self.target.as_ref() {
+        if let Some(target) = self.target.as_ref().filter(|_| needs_new_law(&self.settings, &settings)) {
             self.target = Some(self.make_target(target.sent.clone(), &settings)?);
             self.life.law_changed();
         }
@@ -218,8 +224,10 @@ impl Task {
         let camera = settings.camera;
         if sent.size != [camera.width as usize, camera.height as usize] {
             let [width, height] = sent.size;
-            let error =
-                format!("the camera has {}x{} pixels, the target {width}x{height}", camera.width, camera.height);
+            let error = format!(
+                "the camera of the settings has {}x{} pixels, the target {width}x{height}; another camera needs another task",
+                camera.width, camera.height
+            );
             return Err(bad(&error));
         }
         if settings.preprocess.invert {
@@ -243,6 +251,22 @@ impl Task {
     pub fn watchdog(&self) -> Duration {
         Duration::from_millis(u64::from(self.settings.watchdog_ms()))
     }
+}
+
+/// Whether the law made for the one cannot serve the other. The gain is set with each frame.
+fn needs_new_law(now: &TaskSettings, then: &TaskSettings) -> bool {
+    let of_the_law = |settings: &TaskSettings| TaskSettings {
+        gain: None,
+        frame_period_s: now.frame_period_s,
+        limits: now.limits,
+        stop: now.stop,
+        watchdog_ms: now.watchdog_ms,
+        max_age_ms: now.max_age_ms,
+        idle_close_s: now.idle_close_s,
+        autostart: now.autostart,
+        ..settings.clone()
+    };
+    of_the_law(now) != of_the_law(then)
 }
 
 /// The desired view's depth, and whether holes in it were filled.

@@ -1,39 +1,27 @@
-//! One worker: its session, its keys, its tasks. The registrar thread creates and closes tasks, the clock
-//! watches them, the pool computes.
+//! One worker: its session, its own keys, its start and its end. The registrar creates and closes tasks, the
+//! clock watches them, the pool computes.
 
 use std::collections::{HashMap, HashSet};
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
-use domvs_proto::body;
-use domvs_proto::frame::Secret;
 use domvs_proto::keys::{Keys, Name, TaskKey};
-use domvs_proto::messages::{CreateReply, ErrorCode, ErrorReply, WorkerInfo};
-use domvs_proto::settings::TaskSettings;
+use domvs_proto::messages::WorkerInfo;
 use domvs_proto::status::Status;
-use domvs_proto::twist::TwistMessage;
 use zenoh::Session;
-use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::{Sample, SampleKind};
 
-use crate::board::Board;
 use crate::config::ServerConfig;
-use crate::decode::DecodeLimits;
-use crate::desk::{Desk, LeaseWatch, Order, lock, reply_error, reply_json};
-use crate::endpoints::{Endpoints, Publications, command};
-use crate::governor::Governor;
-use crate::law::acceleration_limits;
-use crate::mailbox::Mailbox;
-use crate::outlet::Outlet;
+use crate::desk::{Desk, lock};
 use crate::pool::Pool;
 use crate::record::{RecordError, Recorder};
-use crate::task::Task;
+use crate::registrar::{Job, Registrar};
 use crate::{Moment, clock};
 
 /// Jobs that may wait for the registrar; more are dropped, and their clients see an empty answer.
@@ -91,25 +79,13 @@ pub(crate) struct Shared {
     pub(crate) session: Session,
     pub(crate) pool: Pool,
     pub(crate) recorder: Option<Recorder>,
-    desks: Mutex<HashMap<TaskKey, Arc<Desk>>>,
+    pub(crate) desks: Mutex<HashMap<TaskKey, Arc<Desk>>>,
     clients: Mutex<HashSet<Name>>,
     jobs: flume::Sender<Job>,
     origin: Instant,
     wall_origin_ns: u64,
     busy_ns: AtomicU64,
     load: AtomicU64,
-}
-
-/// What the registrar does, so that neither callbacks nor compute threads have to.
-pub(crate) enum Job {
-    Create(Query),
-    Info(Query),
-    /// A query on a task's key that no task of this worker answers.
-    Unclaimed(Query),
-    OrderRefused(Order),
-    TwistRefused(Arc<Desk>, Query, Status),
-    Close(TaskKey),
-    Shutdown,
 }
 
 impl Service {
@@ -119,7 +95,7 @@ impl Service {
         let shared = Arc::new(Shared::new(config, session, jobs)?);
         let registrar = {
             let shared = Arc::clone(&shared);
-            spawn("domvs-registrar", move || Registrar { shared, endpoints: HashMap::new() }.run(&waiting))?
+            spawn("domvs-registrar", move || Registrar::new(shared).run(&waiting))?
         };
         let (closing, closed) = mpsc::sync_channel(1);
         let clock = {
@@ -224,11 +200,13 @@ impl Shared {
     }
 
     /// Hands a job to the registrar without waiting. A job that finds no room is dropped: its client sees an
-    /// empty answer and asks again, and the clock asks again for a closing.
-    pub(crate) fn give(&self, job: Job) {
-        if self.jobs.try_send(job).is_err() {
+    /// empty answer and asks again, and the clock asks again for a closing. Returns whether there was room.
+    pub(crate) fn give(&self, job: Job) -> bool {
+        let given = self.jobs.try_send(job).is_ok();
+        if !given {
             tracing::warn!("the registrar is busy; a request was dropped");
         }
+        given
     }
 
     pub(crate) fn add_busy(&self, busy: Duration) {
@@ -252,7 +230,7 @@ impl Shared {
             lock(&desk.outlet).halt(Some(Status::OwnerLost), self.now());
         }
         self.pool.close();
-        self.desks().iter().for_each(|desk| desk.part(self.now()));
+        self.desks().iter().for_each(|desk| desk.say_last_words(self.now()));
         std::thread::sleep(HEAD_START);
         // The registrar empties its queue before it sees this.
         if self.jobs.send_timeout(Job::Shutdown, Duration::from_millis(200)).is_err() {
@@ -260,7 +238,7 @@ impl Shared {
         }
     }
 
-    fn info(&self) -> WorkerInfo {
+    pub(crate) fn info(&self) -> WorkerInfo {
         WorkerInfo {
             tasks: lock(&self.desks).len() as u32,
             capacity: self.config.limits.tasks as u32,
@@ -279,7 +257,9 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
     let (session, keys, worker) = (&shared.session, &shared.keys, &shared.worker);
     let give = |job: fn(Query) -> Job| {
         let shared = Arc::clone(shared);
-        move |query: Query| shared.give(job(query))
+        move |query: Query| {
+            shared.give(job(query));
+        }
     };
     let clients = {
         let shared = Arc::clone(shared);
@@ -323,169 +303,6 @@ fn note_client(shared: &Shared, sample: &Sample) {
             clients.remove(&client);
         }
     }
-}
-
-/// Creates and closes tasks, one after another, on a thread of its own.
-struct Registrar {
-    shared: Arc<Shared>,
-    endpoints: HashMap<TaskKey, Endpoints>,
-}
-
-impl Registrar {
-    fn run(mut self, jobs: &flume::Receiver<Job>) {
-        while let Ok(job) = jobs.recv() {
-            match job {
-                Job::Create(query) => self.answer_create(&query),
-                Job::Info(query) => {
-                    let key = self.shared.keys.worker_info(&self.shared.worker);
-                    reply_json(&query, key, &body::write(&self.shared.info()));
-                }
-                Job::Unclaimed(query) => self.answer_unclaimed(&query),
-                Job::OrderRefused(order) => refuse_order(&order),
-                Job::TwistRefused(desk, query, status) => desk.refuse_twist(&query, status),
-                Job::Close(task) => self.close(&task),
-                Job::Shutdown => break,
-            }
-        }
-        // They hold this worker, as it holds them.
-        let desks = std::mem::take(&mut *lock(&self.shared.desks));
-        drop(desks);
-    }
-
-    fn answer_create(&mut self, query: &Query) {
-        match self.create(query) {
-            Ok(reply) => reply_json(query, query.key_expr().to_string(), &body::write(&reply)),
-            Err(error) => reply_error(query, &error),
-        }
-    }
-
-    fn create(&mut self, query: &Query) -> Result<CreateReply, ErrorReply> {
-        let shared = &self.shared;
-        let bad_name = || {
-            let error = format!("{} has no client name of 1 to 64 of A-Z a-z 0-9 _ -", query.key_expr());
-            ErrorReply::new(ErrorCode::BadName, error)
-        };
-        let (_, client) = shared.keys.parse_create(query.key_expr().as_str()).ok_or_else(bad_name)?;
-        self.check_quota(&client)?;
-        let size = query.payload().map_or(0, ZBytes::len);
-        if size > body::MAX_JSON_BYTES {
-            let error = format!("settings may have {} bytes, got {size}", body::MAX_JSON_BYTES);
-            return Err(ErrorReply::new(ErrorCode::TooLarge, error));
-        }
-        let settings = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
-        let settings = TaskSettings::from_create_body(&settings).map_err(|error| ErrorReply::from(&error))?;
-        self.check_settings(&settings)?;
-        let internal = |error: zenoh::Error| ErrorReply::new(ErrorCode::Internal, error);
-        let desk = Arc::new(new_desk(shared, client, &settings).map_err(internal)?);
-        let endpoints = Endpoints::declare(&desk, &settings.frames).map_err(internal)?;
-        let reply = CreateReply { task: desk.key.clone(), epoch: desk.epoch, secret: desk.secret.clone() };
-        self.endpoints.insert(desk.key.clone(), endpoints);
-        lock(&shared.desks).insert(desk.key.clone(), Arc::clone(&desk));
-        desk.created();
-        tracing::info!(task = %desk.key, method = settings.method.word(), "created");
-        Ok(reply)
-    }
-
-    fn check_quota(&self, client: &Name) -> Result<(), ErrorReply> {
-        let desks = lock(&self.shared.desks);
-        let limits = &self.shared.config.limits;
-        let of_client = desks.keys().filter(|task| task.client == *client).count();
-        let quota = |what: &str, limit: usize| {
-            Err(ErrorReply::new(ErrorCode::Quota, format!("{what} may have {limit} tasks, and has them")))
-        };
-        if desks.len() >= limits.tasks {
-            return quota("this worker", limits.tasks);
-        }
-        if of_client >= limits.tasks_per_client {
-            return quota(&format!("client {client}"), limits.tasks_per_client);
-        }
-        Ok(())
-    }
-
-    fn check_settings(&self, settings: &TaskSettings) -> Result<(), ErrorReply> {
-        let limit = self.shared.config.limits.pixels_per_frame as u64;
-        let pixels = u64::from(settings.camera.width) * u64::from(settings.camera.height);
-        if pixels > limit {
-            return Err(ErrorReply::new(
-                ErrorCode::Quota,
-                format!("an image may have {limit} pixels, the camera has {pixels}"),
-            ));
-        }
-        if let domvs_proto::settings::Frames::Key(key) = &settings.frames
-            && let Err(error) = KeyExpr::new(key.as_str())
-        {
-            return Err(ErrorReply::new(ErrorCode::BadSettings, format!("frames.key: {error}")));
-        }
-        Ok(())
-    }
-
-    /// A task's key that no task answers.
-    fn answer_unclaimed(&self, query: &Query) {
-        let key = query.key_expr();
-        match self.shared.keys.parse_task(key.as_str()) {
-            Some((task, _)) => {
-                let error = format!("there is no task {task}; it may have been closed");
-                reply_error(query, &ErrorReply::new(ErrorCode::UnknownTask, error));
-            }
-            None => reply_error(query, &ErrorReply::new(ErrorCode::BadName, format!("{key} is not a key of a task"))),
-        }
-    }
-
-    fn close(&mut self, task: &TaskKey) {
-        let Some(desk) = lock(&self.shared.desks).remove(task) else { return };
-        desk.closing.store(true, Ordering::Release);
-        lock(&desk.outlet).halt(Some(Status::Stopped), self.shared.now());
-        self.endpoints.remove(task);
-        tracing::info!(%task, "closed");
-    }
-}
-
-fn refuse_order(order: &Order) {
-    let busy = ErrorReply::new(ErrorCode::Quota, "too many requests wait for this task; ask again");
-    match order {
-        Order::Control(query) | Order::Settings(query) | Order::Target(query, _) | Order::State(query) => {
-            reply_error(query, &busy);
-        }
-    }
-}
-
-fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zenoh::Result<Desk> {
-    let id = format!("{:08x}", rand::random::<u32>());
-    let key = TaskKey { client, id: Name::try_from(id.as_str()).expect("hexadecimal digits are a name") };
-    let limits = DecodeLimits {
-        max_pixels: shared.config.limits.pixels_per_frame as u64,
-        max_bytes: shared.config.limits.bytes_per_payload,
-    };
-    let task = Task::new(settings.clone(), limits);
-    let period = Duration::from_secs_f64(settings.frame_period_s);
-    let governor = Governor::new(acceleration_limits(settings), task.watchdog(), period);
-    let (epoch, born) = (epoch(&shared.worker), shared.now());
-    let first = TwistMessage { epoch, valid_ms: settings.watchdog_ms(), ..TwistMessage::zero(task.status()) };
-    Ok(Desk {
-        publications: Publications::declare(&shared.session, &shared.keys, &key)?,
-        outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?)),
-        board: Mutex::new(Board::new(key.clone(), epoch, born)),
-        mailbox: Mailbox::new(shared.config.mailbox_depth),
-        task: Mutex::new(task),
-        secret: Secret::new(rand::random()),
-        shared: Arc::clone(shared),
-        halt: Mutex::new(None),
-        lease_watch: Mutex::new(LeaseWatch::default()),
-        lease: settings.lease,
-        idle_close_s: AtomicU32::new(settings.idle_close_s),
-        closing: AtomicBool::new(false),
-        scheduled: AtomicBool::new(false),
-        key,
-        epoch,
-        born,
-    })
-}
-
-/// Generation 1 and 16 bits of the worker's name (FNV-1a, folded), so that two workers do not share an epoch.
-fn epoch(worker: &Name) -> u32 {
-    let hash =
-        worker.as_str().bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
-    1 << 16 | (hash >> 16 ^ hash) & 0xffff
 }
 
 fn spawn(name: &str, body: impl FnOnce() + Send + 'static) -> std::io::Result<JoinHandle<()>> {

@@ -1,0 +1,182 @@
+//! What a desk does with an order: control, settings, target, state.
+
+use std::sync::atomic::Ordering;
+
+use domvs_proto::body;
+use domvs_proto::frame::{FrameError, Secret};
+use domvs_proto::keys::Leaf;
+use domvs_proto::messages::{Control, ControlReply, ErrorCode, ErrorReply, TargetReference, TaskState};
+use domvs_proto::status::Status;
+use zenoh::Wait;
+use zenoh::bytes::ZBytes;
+use zenoh::query::Query;
+
+use crate::Moment;
+use crate::answers::{contiguous, log_failure, read_json, reply_error, reply_json};
+use crate::desk::{Desk, Order, lock};
+use crate::frames::header_of;
+use crate::law::acceleration_limits;
+use crate::task::{Frame, Route, SentTarget, Task};
+
+impl Desk {
+    pub(crate) fn obey(&self, order: Order) {
+        lock(&self.board).used(self.shared.now());
+        match order {
+            Order::Control(query) => self.answer(&query, Leaf::Control, |desk| desk.control(&query)),
+            Order::Settings(query) => self.answer(&query, Leaf::Settings, |desk| desk.settings(&query)),
+            Order::Target(query, _) if query.payload().is_none_or(ZBytes::is_empty) => self.answer_target(&query),
+            Order::Target(query, received) => {
+                self.answer(&query, Leaf::Target, |desk| desk.set_target(&query, received));
+            }
+            Order::State(query) => {
+                self.answer(&query, Leaf::State, |desk| Ok(body::write(&desk.state(&lock(&desk.task)))));
+            }
+        }
+    }
+
+    /// Runs an order and replies with its JSON or its error; a panic in it ends the task, not the worker.
+    fn answer(&self, query: &Query, leaf: Leaf, order: impl FnOnce(&Desk) -> Result<Vec<u8>, ErrorReply>) {
+        let outcome = self.guarded(|| order(self));
+        let outcome = outcome
+            .unwrap_or_else(|| Err(ErrorReply::new(ErrorCode::Internal, "the task failed; see the worker's log")));
+        match outcome {
+            Ok(json) => reply_json(query, self.shared.keys.task(&self.key, leaf), &json),
+            Err(error) => reply_error(query, &error),
+        }
+    }
+
+    /// The secret was looked at before this was let in.
+    fn control(&self, query: &Query) -> Result<Vec<u8>, ErrorReply> {
+        let control: Control = read_json(query)?;
+        if matches!(control, Control::Start | Control::Resume) && self.is_without_client() {
+            return Ok(body::write(&ControlReply { status: Status::ClientLost }));
+        }
+        let mut task = lock(&self.task);
+        let mut outlet = lock(&self.outlet);
+        // Whoever closes says so before it halts the outlet for good, so nothing lifts that halt.
+        if self.closing.load(Ordering::Acquire) {
+            return Err(ErrorReply::new(ErrorCode::Closed, format!("task {} is being closed", self.key)));
+        }
+        let status = task.control(control)?;
+        let now = self.shared.now();
+        match control {
+            Control::Start | Control::Resume => outlet.halt(None, now),
+            Control::Pause | Control::Stop => outlet.brake(status, now),
+            Control::Close => {
+                outlet.halt(Some(Status::Stopped), now);
+                task.latch(Status::Stopped);
+                self.closing.store(true, Ordering::Release);
+            }
+        }
+        drop(outlet);
+        tracing::info!(task = %self.key, ?control, %status, "control");
+        self.said(&task, task.status())
+    }
+
+    /// The client's token has gone and is not back: nothing may move before it is.
+    fn is_without_client(&self) -> bool {
+        lock(&self.lease_watch).gone_since.is_some() && !self.shared.client_is_alive(&self.key.client)
+    }
+
+    fn settings(&self, query: &Query) -> Result<Vec<u8>, ErrorReply> {
+        self.check_owner(attached_secret(query).as_ref())?;
+        let mut task = lock(&self.task);
+        if query.payload().is_none_or(ZBytes::is_empty) {
+            return Ok(body::write(task.settings()));
+        }
+        let json = body::write(task.change_settings(&read_json(query)?)?);
+        self.settings_changed(&task);
+        self.publish_state(&task);
+        Ok(json)
+    }
+
+    /// Puts the zeros, the limits and the words of the present settings everywhere they are used.
+    fn settings_changed(&self, task: &Task) {
+        let settings = task.settings();
+        let period = std::time::Duration::from_secs_f64(settings.frame_period_s);
+        self.idle_close_s.store(settings.idle_close_s, Ordering::Release);
+        lock(&self.outlet).governor_mut().reconfigure(acceleration_limits(settings), task.watchdog(), period);
+        if let Some(recorder) = &self.shared.recorder {
+            let json = String::from_utf8_lossy(&body::write(settings)).into_owned();
+            recorder.settings(&self.shared.keys.settings(&self.key), self.shared.wall_ns(self.shared.now()), json);
+        }
+    }
+
+    fn set_target(&self, query: &Query, received: Moment) -> Result<Vec<u8>, ErrorReply> {
+        let header = header_of(query.attachment()).map_err(|error| {
+            let wrong_version = matches!(error, FrameError::WrongVersion { .. });
+            ErrorReply::new(if wrong_version { ErrorCode::WrongVersion } else { ErrorCode::BadTarget }, error)
+        })?;
+        self.check_owner(header.secret.as_ref())?;
+        self.check_bytes(query.payload()).map_err(|error| ErrorReply::new(ErrorCode::TooLarge, error))?;
+        let payload = contiguous(query.payload());
+        let encoding = query.encoding().map(ToString::to_string).unwrap_or_default();
+        let frame =
+            Frame { header: &header, encoding: &encoding, payload: &payload, received, route: Route::Requested };
+        let mut task = lock(&self.task);
+        let status = task.set_target(&frame)?;
+        if let Some(recorder) = &self.shared.recorder {
+            let key = self.shared.keys.target(&self.key);
+            recorder.target(
+                &key,
+                self.shared.wall_ns(received),
+                &header.encode(),
+                &encoding,
+                query.payload().cloned().unwrap_or_default(),
+            );
+        }
+        let size = task.target().map(|sent| sent.size);
+        tracing::info!(task = %self.key, ?size, %status, "target set");
+        self.said(&task, status)
+    }
+
+    fn answer_target(&self, query: &Query) {
+        let sent = self.check_owner(attached_secret(query).as_ref()).and_then(|()| {
+            let no_target = || ErrorReply::new(ErrorCode::NoTarget, "no target is set");
+            lock(&self.task).target().cloned().ok_or_else(no_target)
+        });
+        match sent {
+            Ok(SentTarget { header, encoding, payload, .. }) => {
+                let reply = query.reply(self.shared.keys.target(&self.key), payload).encoding(encoding.as_str());
+                log_failure(reply.attachment(header.encode()).wait());
+            }
+            Err(error) => reply_error(query, &error),
+        }
+    }
+
+    fn said(&self, task: &Task, status: Status) -> Result<Vec<u8>, ErrorReply> {
+        lock(&self.board).say(status, None);
+        self.publish_state(task);
+        Ok(body::write(&ControlReply { status }))
+    }
+
+    fn state(&self, task: &Task) -> TaskState {
+        TaskState {
+            task: self.key.clone(),
+            worker: self.shared.worker.clone(),
+            epoch: self.epoch,
+            settings: task.settings().clone(),
+            target: task.target().map(|sent| TargetReference {
+                hash: sent.hash(),
+                width: sent.size[0] as u32,
+                height: sent.size[1] as u32,
+                payload_bytes: sent.payload.len() as u64,
+            }),
+            progress: task.progress(lock(&self.board).status()),
+        }
+    }
+
+    pub(crate) fn publish_state(&self, task: &Task) {
+        self.publications.state(body::write(&self.state(task)));
+    }
+
+    /// Tells the recorder about the settings a task was created with.
+    pub(crate) fn created(&self) {
+        self.settings_changed(&lock(&self.task));
+    }
+}
+
+pub(crate) fn attached_secret(query: &Query) -> Option<Secret> {
+    let bytes = query.attachment()?.to_bytes();
+    <[u8; Secret::BYTES]>::try_from(&*bytes).ok().map(Secret::new)
+}
