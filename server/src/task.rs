@@ -301,3 +301,76 @@ fn typical_depth_m(depth: &Depth<f32>) -> f64 {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use domvs_proto::frame::PixelFormat;
+    use domvs_proto::settings::Camera;
+    use serde_json::json;
+
+    use super::*;
+    use crate::pipeline::on_frame;
+
+    const SIDE: u32 = 32;
+
+    /// A smooth blob around `(centre, centre)`, 8-bit.
+    fn blob(centre: f64) -> Vec<u8> {
+        let gray = |u: u32, v: u32| {
+            let (x, y) = (f64::from(u) - centre, f64::from(v) - centre);
+            (200.0 * (-(x * x + y * y) / 60.0).exp() + f64::from(u + 2 * v)) as u8
+        };
+        (0..SIDE * SIDE).map(|pixel| gray(pixel % SIDE, pixel / SIDE)).collect()
+    }
+
+    fn header() -> FrameHeader {
+        FrameHeader::new(PixelFormat::Mono8, SIDE, SIDE)
+    }
+
+    fn frame<'a>(header: &'a FrameHeader, payload: &'a [u8]) -> Frame<'a> {
+        Frame { header, encoding: "", payload, received: Duration::ZERO, route: Route::Requested }
+    }
+
+    /// A task that has answered two frames.
+    fn servoing() -> Task {
+        let camera = Camera { fx: 30.0, fy: 30.0, cx: 15.5, cy: 15.5, width: SIDE, height: SIDE, distortion: None };
+        let mut task = Task::new(TaskSettings::new(camera), DecodeLimits { max_pixels: 1 << 20, max_bytes: 1 << 20 });
+        task.set_target(&frame(&header(), &blob(15.0))).expect("a target");
+        task.control(Control::Start).expect("a start");
+        for _ in 0..2 {
+            assert!(on_frame(&mut task, &frame(&header(), &blob(16.0)), Duration::ZERO).is_servoing());
+        }
+        task
+    }
+
+    #[test]
+    fn gain_and_limits_change_on_the_way_and_the_law_begins_anew() {
+        let mut task = servoing();
+        task.change_settings(&json!({ "gain": { "per_s": 0.5 }, "limits": { "linear_m_per_s": 0.1 } })).expect("valid");
+        assert_eq!(task.iterations(), 2);
+        let answer = on_frame(&mut task, &frame(&header(), &blob(16.0)), Duration::ZERO);
+        assert_eq!(answer.gain, 0.5);
+        task.change_settings(&json!({ "order": 6 })).expect("valid");
+        assert_eq!(task.iterations(), 0);
+        assert!(task.is_running());
+    }
+
+    #[test]
+    fn a_change_that_cannot_work_changes_nothing() {
+        let mut task = servoing();
+        let before = task.settings().clone();
+        let error = task.change_settings(&json!({ "camera": { "width": 64 } })).expect_err("the target has 32 columns");
+        assert!(error.error.contains("64x32") && error.error.contains("32x32"), "{error}");
+        assert_eq!((task.settings(), task.iterations()), (&before, 2));
+    }
+
+    #[test]
+    fn after_a_panic_nothing_moves_before_a_new_target() {
+        let mut task = servoing();
+        task.latch(Status::Internal);
+        assert_eq!(task.control(Control::Start).map_err(|error| error.code), Err(ErrorCode::NoTarget));
+        task.set_target(&frame(&header(), &blob(15.0))).expect("a target");
+        assert_eq!(task.status(), Status::Internal);
+        task.control(Control::Start).expect("a start");
+        assert!(task.is_running());
+    }
+}
