@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use clap::{ArgAction, CommandFactory, FromArgMatches, Parser, Subcommand};
 use domvs::commands::{demo, serve, sim, stop, task, twist};
 use domvs::exit;
+use domvs::explain::explained;
 use domvs::paint::{ColorWhen, Paint};
 use tracing_subscriber::EnvFilter;
 
@@ -50,7 +51,7 @@ fn main() -> ExitCode {
         Command::Twist(args) => twist::run(&args, paint),
     };
     result.unwrap_or_else(|error| {
-        eprintln!("{} {error:#}", paint_errors.bad("error:"));
+        eprintln!("{} {}", paint_errors.bad("error:"), explained(&error));
         exit::failed()
     })
 }
