@@ -1,7 +1,7 @@
 //! Task settings: what a client may choose, with its default, its range and its unit in its name.
 //!
-//! `types` is the shape (`forms`: what JSON writes in two ways), `fields` the table of names, ranges and meanings, `patch` how JSON becomes settings,
-//! `validate` what must hold between the numbers. The table in `docs/protocol.md` is printed from `fields`.
+//! `types` is the shape (`forms`: what JSON writes in two ways), `fields` the table of names, ranges and meanings,
+//! `patch` how JSON becomes settings, `validate` what must hold between the numbers. The table in `docs/protocol.md` is printed from `fields`.
 
 mod fields;
 mod forms;
