@@ -38,18 +38,9 @@ pub enum MethodOption {
 }
 
 impl MethodOption {
-    /// Every method, in the order of `--help`.
-    pub const ALL: [MethodOption; 4] =
-        [MethodOption::Hahn, MethodOption::Krawtchouk, MethodOption::Tchebichef, MethodOption::Cosine];
-
     /// The word on the command line and on the wire.
     pub fn word(self) -> &'static str {
-        match self {
-            MethodOption::Hahn => "hahn",
-            MethodOption::Krawtchouk => "krawtchouk",
-            MethodOption::Tchebichef => "tchebichef",
-            MethodOption::Cosine => "cosine",
-        }
+        domvs_proto::settings::Method::from(self).word()
     }
 }
 
@@ -73,9 +64,9 @@ impl From<MethodOption> for Method {
 /// `--order N` or `--order MIN..MAX`, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OrderOption {
-    /// The order far from the goal.
+    /// The order far from the target.
     pub min: usize,
-    /// The order near the goal; equal to `min` for a fixed order.
+    /// The order near the target; equal to `min` for a fixed order.
     pub max: usize,
 }
 
@@ -163,8 +154,8 @@ mod tests {
         for order in ["8", "4..16"] {
             assert_eq!(order.parse::<OrderOption>().expect("an order").to_string(), order);
         }
-        for method in MethodOption::ALL {
-            assert_eq!(MethodOption::from_str(method.word(), false), Ok(method));
+        for method in MethodOption::value_variants() {
+            assert_eq!(MethodOption::from_str(method.word(), false), Ok(*method));
         }
     }
 }
