@@ -10,7 +10,7 @@ use crate::paint::print_line;
 
 /// Stop everything: every task latches "stopped", every arm and simulated camera brakes
 ///
-/// A task goes on only after a new start.
+/// A task goes on only after a start or a resume of its own.
 #[derive(Args, Clone, Debug)]
 pub struct StopArgs {
     /// Every task of every worker; a single task is stopped by `domvs task stop`

@@ -27,7 +27,7 @@ enum TaskCommand {
     Pause(orders::TaskChoice),
     /// Resume a task after a pause or another latched status
     Resume(orders::TaskChoice),
-    /// Stop a task: zeros until it is started again
+    /// Stop a task: zeros until it is started again or resumed
     Stop(orders::TaskChoice),
     /// End a task
     Close(orders::TaskChoice),

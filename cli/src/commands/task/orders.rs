@@ -105,7 +105,7 @@ pub struct StatusArgs {
 /// Print every task of every worker
 #[derive(Args, Clone, Debug)]
 pub struct ListArgs {
-    /// Print an array of status messages as JSON
+    /// Print an array of status messages as JSON; null stands for a task that says nothing
     #[arg(long)]
     json: bool,
 
