@@ -14,7 +14,7 @@ pub struct LiveLine {
 }
 
 impl LiveLine {
-    /// A line that starts with `title`, for example the method; it appears with the first row.
+    /// A line that starts with `title`, for example the method; it appears with the first thing shown or said.
     pub fn new(title: &str, paint: Paint) -> LiveLine {
         let target = if stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let template = match paint.colored {
@@ -32,7 +32,7 @@ impl LiveLine {
         self.bar.tick();
     }
 
-    /// Says in words what happens while there is no row yet, for example `waiting for the camera`.
+    /// Says in words what happens where there is no row, for example `waiting for the camera`.
     pub fn say(&self, text: &str) {
         self.bar.set_message(text.to_owned());
         self.bar.tick();
