@@ -61,8 +61,8 @@ pub enum ClientError {
         /// The service's sentence, with the numbers.
         error: String,
     },
-    /// No answer within the limit, or an empty one: no twist. Send the next frame; it will be asked anew.
-    #[error("no answer on {key} within {waited:?} ({reason}); ask again with the next frame")]
+    /// No answer within the limit, or an empty one. For a frame: no twist; send the next one, which is asked anew.
+    #[error("no answer on {key} within {waited:?} ({reason}); ask again")]
     NoAnswer {
         /// The key that was asked.
         key: String,
@@ -81,8 +81,8 @@ pub enum ClientError {
         /// Missing answers in a row.
         misses: u32,
     },
-    /// A worker that no longer owns the task has answered; its twist was dropped.
-    #[error("a twist on {key} is of epoch {got}, this task is at {expected}: dropped; ask again")]
+    /// A worker that no longer owns the task has answered; its answer was dropped.
+    #[error("an answer on {key} is of epoch {got}, this task is at {expected}: dropped; ask again")]
     OlderEpoch {
         /// The key that was asked.
         key: String,
