@@ -133,7 +133,7 @@ impl Task {
         self.control(Control::Pause).await
     }
 
-    /// Goes on after a pause, where it was.
+    /// Goes on after a pause or any other latched status, where it was.
     ///
     /// # Errors
     /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
@@ -141,7 +141,7 @@ impl Task {
         self.control(Control::Resume).await
     }
 
-    /// Brakes until [`Task::start`].
+    /// Brakes until [`Task::start`] or [`Task::resume`].
     ///
     /// # Errors
     /// [`ClientError::Refused`], [`ClientError::NoAnswer`].

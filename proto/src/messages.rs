@@ -36,7 +36,7 @@ pub enum Control {
     Pause,
     /// Go on after a pause or any other latched status, keeping the initial image and the counters.
     Resume,
-    /// Brake until `start`.
+    /// Brake until `start` or `resume`.
     Stop,
     /// End the task.
     Close,
