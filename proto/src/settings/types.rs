@@ -119,7 +119,7 @@ pub enum Gain {
     Adaptive(AdaptiveGain),
 }
 
-/// λ of the error ε = √pixel_mse: (at_zero − at_infinity) · exp(−slope_at_zero · ε / (at_zero − at_infinity)) + at_infinity.
+/// λ at r = √pixel_mse: (at_zero − at_infinity) · exp(−slope_at_zero · r / (at_zero − at_infinity)) + at_infinity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AdaptiveGain {
