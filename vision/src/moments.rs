@@ -26,7 +26,7 @@ pub struct FeatureRow {
     pub interaction: [f64; 6],
 }
 
-/// What has been made anew since the servo was made: what is missing here was found in the cache.
+/// What has been computed since the servo was made, the first bases included; everything else was found in the cache.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Work {
     /// Bases, of one axis each.

@@ -228,7 +228,7 @@ impl<T: Sample> Servo<T> {
         self.moments.features()
     }
 
-    /// What has been made anew since the servo was made.
+    /// What has been computed so far; the rest was found in the cache.
     pub fn work(&self) -> Work {
         self.moments.work()
     }

@@ -78,7 +78,9 @@ pub struct Brightness {
 
 /// An image without a brightness distribution: black, not finite, or with negative pixels that move its centroid outside.
 #[derive(Debug, Clone, Copy, thiserror::Error, PartialEq)]
-#[error("the image's brightness has no place: total {total}, centroid {centroid_px:?} px")]
+#[error(
+    "an adaptive window needs brightness to follow, got a total of {total} with its centroid at {centroid_px:?} px"
+)]
 pub struct NoBrightness {
     /// Sum over all pixels.
     pub total: f64,
