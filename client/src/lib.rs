@@ -23,7 +23,8 @@
 //! # }
 //! ```
 //!
-//! The files in the order of use: [`zenoh_config`] → [`Client`] → workers → [`Task`] → [`OutgoingFrame`] → answer → [`Commands`].
+//! The files in the order of use: [`zenoh_config`] → [`Client`] → workers → [`Task`] → [`OutgoingFrame`] → answer →
+//! [`Commands`].
 //! All waits have a limit. What runs on Zenoh's receive path only hands over. Nothing is retried that could move a camera twice.
 //! Deliberately not here: images (no pixel is looked at), robots, and the control law.
 

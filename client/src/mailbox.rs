@@ -1,4 +1,5 @@
-//! A bounded box between the Zenoh receive path and the program: putting never blocks, the oldest is what gives way, and what was lost is counted.
+//! A bounded box between the Zenoh receive path and the program: putting never blocks, the oldest is what gives way,
+//! and what was lost is counted.
 //!
 //! Zenoh calls subscribers one after another on its receive path, where a full channel would stop the whole session; so the
 //! callback only puts here. With room for one this is "the newest wins".

@@ -1,7 +1,8 @@
 //! Direct visual servoing on discrete orthogonal moments: two images in, one camera twist out.
 //!
 //! Nothing here reads a file, a clock or a network. The files follow the data:
-//! `image → camera → depth → twist → law → window → order → polynomial → basis → projection → interaction → sweep → moments → control → servo`.
+//! `sample → image → camera → depth → twist → law → window → order → polynomial → basis → projection → interaction →
+//! sweep → moments → control → servo`.
 //! [`Servo::step`] is the one function that calls the steps from top to bottom; start reading there.
 //! `docs/paper.md` maps the paper's equations to these files, its letters to these words, and numbers
 //! every place where the code leaves the paper (D1, D2, …) or the paper errs (E1, E2, …).

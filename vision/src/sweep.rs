@@ -80,7 +80,8 @@ impl<T: Sample> Sweep<T> {
         }
     }
 
-    /// The row's planes: `∇I_u`, `∇I_v`, with a depth map `ζ ∇I_u`, `ζ ∇I_v`, and with a desired image `I - I*`, whose slot is returned.
+    /// The row's planes: `∇I_u`, `∇I_v`, with a depth map `ζ ∇I_u`, `ζ ∇I_v`, and with a desired image `I - I*`, whose slot
+    /// is returned.
     fn fill_planes(
         &mut self,
         image: &Plane<T>,
