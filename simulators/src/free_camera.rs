@@ -5,6 +5,7 @@
 //! called. Braking is at once: this camera has no mass. What it cannot trust, it brakes on; what is from an older
 //! epoch it does not hear.
 
+use std::fmt;
 use std::time::{Duration, Instant};
 
 use domvs_proto::status::Status;
@@ -38,6 +39,19 @@ pub enum BrakeReason {
     Untrusted,
     /// Everything was told to stop, and the service has not yet been seen to have stopped.
     StopAll,
+}
+
+impl fmt::Display for BrakeReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            BrakeReason::NoCommand => f.write_str("nothing commanded yet"),
+            BrakeReason::Zeros => f.write_str("zeros commanded"),
+            BrakeReason::Status(status) => status.fmt(f),
+            BrakeReason::Silence => f.write_str("no newer command came"),
+            BrakeReason::Untrusted => f.write_str("a command was unreadable or not finite"),
+            BrakeReason::StopAll => f.write_str("everything was stopped"),
+        }
+    }
 }
 
 /// Why a command was not taken.

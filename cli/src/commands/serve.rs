@@ -32,6 +32,10 @@ pub struct ServeArgs {
     #[arg(long, value_name = "NAME")]
     worker: Option<String>,
 
+    /// First part of every key [default: domvs]
+    #[arg(long, value_name = "PREFIX")]
+    prefix: Option<String>,
+
     /// Be a router that listens here [default: tcp/127.0.0.1:7447]
     #[arg(long, value_name = "ENDPOINT", conflicts_with_all = ["endpoints", "zenoh_config"])]
     listen: Vec<String>,
@@ -94,6 +98,9 @@ fn server_config(args: &ServeArgs) -> anyhow::Result<ServerConfig> {
     }
     if let Some(worker) = &args.worker {
         config.worker.clone_from(worker);
+    }
+    if let Some(prefix) = &args.prefix {
+        config.prefix.clone_from(prefix);
     }
     Ok(config.checked()?)
 }

@@ -131,7 +131,7 @@ async fn watch(args: &CameraArgs, node: &CameraNode, line: &LiveLine) -> anyhow:
 fn told(truth: &Truth) -> String {
     let motion = match truth.motion {
         Motion::Moving => "moving".to_owned(),
-        Motion::Braked(reason) => format!("braked: {reason:?}"),
+        Motion::Braked(reason) => format!("braked: {reason}"),
     };
     format!("{:.2} mm and {:.3}° from the target, {motion}, {} frames", truth.error.mm, truth.error.deg, truth.sent)
 }
