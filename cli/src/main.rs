@@ -58,8 +58,8 @@ fn main() -> ExitCode {
 
 fn start_log(verbose: u8, paint: Paint) {
     let level = match verbose {
-        0 => "warn",
-        1 => "warn,domvs=info",
+        0 => "warn,zenoh=error",
+        1 => "warn,zenoh=error,domvs=info",
         2 => "info,domvs=debug",
         _ => "trace",
     };

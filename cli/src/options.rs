@@ -29,7 +29,7 @@ pub enum MethodOption {
     /// Hahn polynomials, under a window that may move with the object
     #[default]
     Hahn,
-    /// Krawtchouk polynomials: a narrow window around the object
+    /// Krawtchouk polynomials: a narrow window around the object, for small displacements
     Krawtchouk,
     /// Tchebichef polynomials: the whole image, evenly
     Tchebichef,

@@ -71,6 +71,23 @@ impl Client {
         &self.shared.options.name
     }
 
+    /// Whether a client of this name holds its token now. Two processes of one name would share a lease.
+    ///
+    /// # Errors
+    /// [`ClientError::Session`] when the session is closed.
+    pub async fn is_connected(&self, client: &Name) -> Result<bool, ClientError> {
+        let key = self.shared.keys.client_alive(client);
+        let tokens = self
+            .shared
+            .session
+            .liveliness()
+            .get(&key)
+            .timeout(self.shared.options.request_timeout)
+            .await
+            .map_err(ClientError::session("looking for a client", &key))?;
+        Ok(tokens.recv_async().await.is_ok_and(|token| token.result().is_ok()))
+    }
+
     /// The keys under this client's prefix.
     pub fn keys(&self) -> &Keys {
         &self.shared.keys

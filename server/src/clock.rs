@@ -92,12 +92,9 @@ fn obey_halt(desk: &Arc<Desk>, now: Moment) {
 fn watch_client(desk: &Arc<Desk>, now: Moment) {
     let present = desk.shared.client_is_alive(&desk.key.client);
     let mut lease = lock(&desk.lease_watch);
-    if present {
-        lease.seen = true;
-        lease.gone_since = None;
-        return;
-    }
-    if !lease.seen && now.saturating_sub(desk.born) < TOKEN_GRACE {
+    lease.seen |= present;
+    // A client that comes back must take its task up again, or it is closed all the same: see `Desk::control`.
+    if lease.gone_since.is_none() && (present || !lease.seen && now.saturating_sub(desk.born) < TOKEN_GRACE) {
         return;
     }
     match lease.gone_since {

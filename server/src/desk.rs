@@ -68,7 +68,7 @@ pub(crate) struct PushedFrame {
 pub(crate) struct LeaseWatch {
     /// It has been there.
     pub(crate) seen: bool,
-    /// It is not there now, and since when.
+    /// Since when it has been gone; its coming back alone does not change that, a `start` or `resume` does.
     pub(crate) gone_since: Option<Moment>,
 }
 

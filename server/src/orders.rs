@@ -69,6 +69,10 @@ impl Desk {
             }
         }
         drop(outlet);
+        if matches!(control, Control::Start | Control::Resume) {
+            // The client is there: its task is wanted again.
+            lock(&self.lease_watch).gone_since = None;
+        }
         tracing::info!(task = %self.key, ?control, %status, "control");
         self.said(&task, task.status())
     }

@@ -38,8 +38,9 @@ struct CameraArgs {
     name: String,
 
     /// Whose twists to follow: a client, a task (client/id), or nobody
-    #[arg(long, value_name = "WHO", default_value = "lab")]
-    follow: String,
+    /// [default: the client that is called like the camera, as `domvs task run` is]
+    #[arg(long, value_name = "WHO")]
+    follow: Option<String>,
 
     /// Frames a second
     #[arg(long, value_name = "HZ", default_value = "15", value_parser = positive)]
@@ -86,9 +87,10 @@ pub fn run(args: &SimArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<
 
 async fn fly(args: &CameraArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<ExitCode> {
     let name = Name::try_from(args.name.as_str()).with_context(|| format!("--name {}", args.name))?;
+    let followed = args.follow.as_deref().unwrap_or(&args.name);
     let mut settings = CameraSettings {
         rate_hz: args.rate,
-        follow: follow(&args.follow)?,
+        follow: follow(followed)?,
         depth: match args.depth {
             DepthChoice::F32 => DepthPacking::F32,
             DepthChoice::U16 => DepthPacking::U16,
@@ -99,7 +101,7 @@ async fn fly(args: &CameraArgs, paint: Paint, paint_errors: Paint) -> anyhow::Re
     settings.disturbance.latency = Duration::from_millis(args.latency_ms);
     let node = CameraNode::open(args.network.config()?, args.network.keys()?, settings).await?;
     let name = paint.bold(&args.name);
-    print_line(&format!("camera {name} publishes {} frames a second and follows {}", args.rate, args.follow))?;
+    print_line(&format!("camera {name} publishes {} frames a second and follows {followed}", args.rate))?;
     let line = LiveLine::new(&args.name, paint_errors);
     watch(args, &node, &line).await?;
     line.clear();

@@ -15,7 +15,7 @@ use domvs_vision::{Gain, Law, OrderRule, Servo, Step};
 use self::answer::Answer;
 use self::inputs::Inputs;
 use crate::exit;
-use crate::options::{CameraOption, DepthOption, FeatureOptions, KrawtchoukOption, LatticeOption, finite, positive};
+use crate::options::{CameraOption, DepthOption, FeatureOptions, KrawtchoukOption, LatticeOption, positive};
 use crate::paint::{Paint, print_line};
 
 /// Compute one twist from two image files
@@ -73,7 +73,7 @@ pub struct TwistArgs {
     pub epsilon: f64,
 
     /// λ in 1/s: the twist is −λ L⁺ e
-    #[arg(long, value_name = "G", default_value = "1.0", value_parser = finite, allow_hyphen_values = true)]
+    #[arg(long, value_name = "G", default_value = "1.0", value_parser = positive, allow_hyphen_values = true)]
     pub gain: f64,
 
     /// Use 1 − I of every image, for dark objects on a bright ground

@@ -73,6 +73,39 @@ fn three_processes_bring_the_camera_there() {
 }
 
 #[test]
+fn a_run_without_an_end_gives_up_and_says_so_by_its_exit_code() {
+    let place = Place::start();
+    let flight = ["sim", "camera", "--size", "96x96", "--follow", "nobody", "-e"];
+    let _camera = spawn(&[&flight[..], &[&place.endpoint]].concat());
+    place.insist(&["task", "list"]);
+    let run = ["task", "run", "--seconds", "0.5", "--settings", r#"{"stop": {"max_iterations": 1000}}"#];
+    let mut output = place.run(&run);
+    // The camera may still be on its way to the service.
+    for _ in 0..5 {
+        if output.status.code() != Some(1) {
+            break;
+        }
+        output = place.run(&run);
+    }
+    assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn a_second_client_of_the_same_name_is_refused() {
+    let place = Place::start();
+    let flight = ["sim", "camera", "--size", "96x96", "--follow", "nobody", "-e"];
+    let _camera = spawn(&[&flight[..], &[&place.endpoint]].concat());
+    place.insist(&["task", "list"]);
+    let _first = spawn(&["task", "run", "--client", "twin", "-e", &place.endpoint]);
+    // The first one is there when its task is.
+    let running = (0..200).any(|_| place.insist(&["task", "list"]).contains("twin/"));
+    assert!(running, "the first run never made its task");
+    let second = place.run(&["task", "run", "--client", "twin"]);
+    assert_eq!(second.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&second.stderr).contains("--client"));
+}
+
+#[test]
 fn a_task_is_made_used_and_closed_from_one_terminal_after_another() {
     let place = Place::start();
     let made: Value = serde_json::from_str(&place.insist(&["task", "create", CAMERA])).unwrap();

@@ -151,6 +151,10 @@ pub const FIELDS: &[Field] = &[
     ),
     field("max_age_ms", Between(1.0, 60_000.0), "an older frame is stale"),
     field("lease", Words("`client`, `none`"), "whether the task halts when the client's token goes; fixed on create"),
-    field("idle_close_s", Between(1.0, 604_800.0), "a task that nobody uses is closed after so long"),
+    field(
+        "idle_close_s",
+        Between(1.0, 604_800.0),
+        "with `lease: none`, a task that nobody uses is closed after so long",
+    ),
     field("autostart", Words("true, false"), "start with the first frame after the target is set"),
 ];

@@ -330,7 +330,7 @@ pub struct TaskSettings {
     pub max_age_ms: u32,
     /// Whose going ends the task.
     pub lease: Lease,
-    /// A task that nobody uses is closed after so long, s.
+    /// Without a lease, a task that nobody uses is closed after so long, s.
     pub idle_close_s: u32,
     /// Start with the first frame after the target is set.
     pub autostart: bool,
