@@ -262,6 +262,25 @@ async fn a_client_that_comes_back_in_time_may_start_again() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_client_that_only_comes_back_loses_the_tasks_it_left() {
+    let lease = Lease { grace_s: 1 };
+    let stage = Stage::with(ServerConfig { lease, ..ServerConfig::default() }).await;
+    let mut scene = Scene::small("coffee");
+    let client = stage.client("alice").await;
+    let task = started(&client, &scene.settings(), &scene.target()).await;
+    let key = task.key().clone();
+    let witness = stage.client("bob").await;
+    let mut statuses = witness.statuses(&key).await.expect("followed");
+    client.close().await.expect("the session closes");
+    next_status(&mut statuses, "client_lost", |message| message.status == Status::ClientLost).await;
+
+    let _again = stage.client("alice").await;
+    becomes_unknown(&stage, witness.session(), &key).await;
+    drop(task);
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_task_whose_client_never_had_a_token_does_not_move_for_long() {
     let stage = Stage::open().await;
     let session = stage.stranger().await;
