@@ -183,7 +183,7 @@ impl Status {
             DeadlineMissed => "allow more time or send smaller frames",
             Overloaded => "ask less often or use another worker",
             FrozenFrame => "restart the camera",
-            Internal => "read the log of the service, then start",
+            Internal => "read the log of the service, set the target again, then start",
             Ready => "start",
             ClientLost => "declare the client's token, then start or resume",
             RankDeficient => "show more texture, raise the order, or free fewer degrees",

@@ -52,7 +52,7 @@ pub fn on_frame(task: &mut Task, frame: &Frame<'_>, now: Moment) -> TwistMessage
         }
         Err(refusal) => {
             if refusal.status == Status::Internal {
-                task.life.latch(Status::Internal);
+                task.latch(Status::Internal);
             }
             answer.status = refusal.status;
             task.detail = refusal.detail;
