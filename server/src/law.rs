@@ -28,6 +28,7 @@ pub fn law(settings: &TaskSettings) -> Result<Law, OrderError> {
             .step_cap
             .map(|cap| StepCap { translation_m: cap.translation_m, rotation_rad: cap.rotation_rad }),
         degrees_of_freedom: settings.degrees_of_freedom,
+        ..Law::default()
     })
 }
 

@@ -206,6 +206,9 @@ mod tests {
             condition_number: 10.0,
             rank: 6,
             rank_deficient: false,
+            light: None,
+            depth_scale: 1.0,
+            used_fraction: 1.0,
         }
     }
 

@@ -1,6 +1,6 @@
 //! From normal equations to a bounded step: the Gauss-Newton solve, its rank, and the step cap, Eq. (31).
 //!
-//! Every method ends in the same small thing, [`NormalEquations`]; what follows does not know where they came from.
+//! Every method ends in the same small thing, a [`crate::gram::Gram`], and that in [`NormalEquations`]; what follows does not know where they came from.
 //! `v = -λ L̂⁺ e`, with `L̂⁺ e` from `L̂ᵀL̂` (6x6, `f64`), after scaling its columns to length 1 (Jacobi), by eigenvectors. The
 //! unscaled columns mix metres and radians, so rank is judged on the scaled matrix: see [`SMALLEST_SINGULAR_RATIO`].
 
@@ -19,7 +19,7 @@ pub const SMALLEST_SINGULAR_RATIO: f64 = 1e-4;
 /// Scaling would blow a column of pure rounding errors up to length 1, such as that of a turn about the axis of a round spot.
 pub const SMALLEST_COLUMN_RATIO: f64 = 1e-6;
 
-/// What any method makes of two views: `LᵀL`, `Lᵀe`, `e·e` and how many features there are.
+/// What is solved, whatever the method: `LᵀL`, `Lᵀe`, `e·e` and how many features there are.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NormalEquations {
     /// `L̂ᵀL̂`.
@@ -44,23 +44,6 @@ pub struct Solution {
 }
 
 impl NormalEquations {
-    /// The equations of rows `(e_i, L_i)`.
-    pub fn of(rows: impl Iterator<Item = (f64, [f64; 6])>) -> NormalEquations {
-        let (mut matrix, mut vector, mut error_squared, mut features) = (Matrix6::zeros(), Vector6::zeros(), 0.0, 0);
-        for (error, row) in rows {
-            for j in 0..6 {
-                for i in 0..=j {
-                    matrix[(i, j)] += row[i] * row[j];
-                }
-                vector[j] += row[j] * error;
-            }
-            error_squared += error * error;
-            features += 1;
-        }
-        matrix.fill_lower_triangle_with_upper_triangle();
-        NormalEquations { matrix, vector, error_squared, features }
-    }
-
     /// Whether every number is one.
     pub fn is_finite(&self) -> bool {
         let all = self.matrix.iter().chain(&self.vector).chain([&self.error_squared]);
@@ -123,13 +106,16 @@ pub fn cap_step(step: [f64; 6], cap: Option<StepCap>) -> ([f64; 6], bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gram::Gram;
 
     /// Eight rows with known numbers; `e = -L s` for a known step `s`.
     fn equations(step: [f64; 6], column: impl Fn(usize, usize) -> f64) -> NormalEquations {
-        NormalEquations::of((0..8).map(|i| {
+        let mut gram = Gram::new();
+        for i in 0..8 {
             let row: [f64; 6] = std::array::from_fn(|j| column(i, j));
-            (-row.iter().zip(step).map(|(l, s)| l * s).sum::<f64>(), row)
-        }))
+            gram.add(&row, -row.iter().zip(step).map(|(l, s)| l * s).sum::<f64>());
+        }
+        gram.normal_equations()
     }
 
     fn wave(i: usize, j: usize) -> f64 {

@@ -16,6 +16,68 @@ pub enum Method {
     Tchebichef,
     /// Orthonormal cosine (DCT-II) coefficients: the whole image, evenly.
     Cosine,
+    /// Every pixel is a feature: photometric servoing.
+    Photometric,
+    /// Every pixel of the two images seen through a bell: the photometric gaussian mixture.
+    GaussianMixture,
+}
+
+/// The bell of the gaussian mixture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gaussian {
+    /// `λ_g`: the standard deviation of `exp(-r²/2λ_g²)`, pixels.
+    pub extent_px: f64,
+    /// How the sums with it are made.
+    pub form: GaussianForm,
+}
+
+/// How the sums with a bell are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GaussianForm {
+    /// Every term of every sum over the image.
+    Exact,
+    /// Approximately, in a time that does not grow with the extent.
+    Fast,
+}
+
+/// How the light may change, from what is known to what a step finds: standard deviations of a walk, images in `[0, 1]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightPrior {
+    /// Of the gain, a factor to the desired image.
+    pub gain: f64,
+    /// Of the offset, a brightness.
+    pub offset: f64,
+    /// Of the gain's slope along `u` and along `v`, from the centre to the border.
+    pub gain_slope: f64,
+    /// Of the offset's slope along `u` and along `v`, from the centre to the border.
+    pub offset_slope: f64,
+}
+
+/// Whether the order rule sees the images' noise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NoiseFloor {
+    /// The pixel error as it is.
+    Ignored,
+    /// The pixel error without the part that the images' own noise makes up.
+    Subtracted,
+}
+
+/// Whether a constant depth is believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DepthScale {
+    /// Depths are as given.
+    Given,
+    /// A constant depth is right but for a factor, which the camera's own motion tells.
+    Estimated,
+}
+
+/// What becomes of pixels whose depth a map does not know.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Holes {
+    /// They count like all others, with the depth that fills them.
+    Filled,
+    /// They have no weight, in both images, where either map has a hole.
+    Ignored,
 }
 
 /// How much of the Gauss-Newton step is taken per second.
@@ -69,6 +131,16 @@ pub struct Law {
     pub step_cap: Option<StepCap>,
     /// Which of `[v_x, v_y, v_z, ω_x, ω_y, ω_z]` may move; the others leave before the solve.
     pub degrees_of_freedom: [bool; 6],
+    /// The gaussian mixture's bell; the other methods ignore it.
+    pub gaussian: Gaussian,
+    /// How the light may change; `None` takes brightness as it is.
+    pub light: Option<LightPrior>,
+    /// Whether the order rule sees the images' noise.
+    pub noise_floor: NoiseFloor,
+    /// Whether a constant depth is believed.
+    pub depth_scale: DepthScale,
+    /// What becomes of the holes of depth maps.
+    pub holes: Holes,
 }
 
 /// Why a law cannot work.
@@ -101,6 +173,26 @@ pub enum LawError {
         /// `[p along u, p along v]`.
         p: [f64; 2],
     },
+    /// The gaussian mixture's extent is not positive and finite.
+    #[error("a gaussian extent must be positive and finite, got {extent_px} px")]
+    GaussianExtent {
+        /// As given, pixels.
+        extent_px: f64,
+    },
+    /// A standard deviation of the light prior is negative or not finite, or all are zero.
+    #[error("a light prior's deviations must be finite, not negative and not all zero, got {light:?}")]
+    Light {
+        /// As given.
+        light: LightPrior,
+    },
+    /// The depth scale shows in how moments under one window change; this law has none.
+    #[error("a depth scale is estimated from moments under a fixed window only, not with {method:?} and {window:?}")]
+    DepthScale {
+        /// As given.
+        method: Method,
+        /// As given.
+        window: Window,
+    },
     /// No degree of freedom is left.
     #[error("at least one degree of freedom must be free")]
     NothingMoves,
@@ -118,7 +210,33 @@ impl Default for Law {
             gain: Gain::PerSecond(0.5),
             step_cap: Some(StepCap { translation_m: 0.25, rotation_rad: 0.25 }),
             degrees_of_freedom: [true; 6],
+            gaussian: Gaussian::default(),
+            light: None,
+            noise_floor: NoiseFloor::Ignored,
+            depth_scale: DepthScale::Given,
+            holes: Holes::Filled,
         }
+    }
+}
+
+impl Default for Gaussian {
+    /// 16 pixels, every sum in full.
+    fn default() -> Gaussian {
+        Gaussian { extent_px: 16.0, form: GaussianForm::Exact }
+    }
+}
+
+impl Default for LightPrior {
+    /// From one step to the next: 6 % of gain, 1.5 % of offset, 5 % and 1.5 % of their slopes.
+    fn default() -> LightPrior {
+        LightPrior { gain: 0.06, offset: 0.015, gain_slope: 0.05, offset_slope: 0.015 }
+    }
+}
+
+impl LightPrior {
+    /// The deviations of `[gain, offset, gain slope u, gain slope v, offset slope u, offset slope v]`.
+    pub fn deviations(&self) -> [f64; 6] {
+        [self.gain, self.offset, self.gain_slope, self.gain_slope, self.offset_slope, self.offset_slope]
     }
 }
 
@@ -171,7 +289,28 @@ impl Law {
         {
             return Err(LawError::KrawtchoukP { p });
         }
+        if !positive(self.gaussian.extent_px) {
+            return Err(LawError::GaussianExtent { extent_px: self.gaussian.extent_px });
+        }
+        if let Some(light) = self.light
+            && (!light.deviations().into_iter().all(at_least_zero) || light.deviations() == [0.0; 6])
+        {
+            return Err(LawError::Light { light });
+        }
+        if self.depth_scale == DepthScale::Estimated && !self.has_fixed_moments() {
+            return Err(LawError::DepthScale { method: self.method, window: self.window });
+        }
         if self.degrees_of_freedom == [false; 6] { Err(LawError::NothingMoves) } else { Ok(()) }
+    }
+
+    /// Whether two frames' features are moments under one and the same window.
+    fn has_fixed_moments(&self) -> bool {
+        match self.method {
+            Method::Hahn => matches!(self.window, Window::Fixed { .. }),
+            Method::Krawtchouk => self.krawtchouk_p != KrawtchoukP::Adaptive,
+            Method::Tchebichef | Method::Cosine => true,
+            Method::Photometric | Method::GaussianMixture => false,
+        }
     }
 }
 
@@ -218,6 +357,11 @@ mod tests {
             Law { window: Window::Fixed { x: [8.0, 8.0], y: [f64::NAN, 8.0] }, ..law },
             Law { krawtchouk_p: KrawtchoukP::Fixed([0.5, 1.0]), ..law },
             Law { degrees_of_freedom: [false; 6], ..law },
+            Law { depth_scale: DepthScale::Estimated, window: Window::Adaptive, ..law },
+            Law { depth_scale: DepthScale::Estimated, method: Method::Photometric, ..law },
+            Law { gaussian: Gaussian { extent_px: 0.0, ..law.gaussian }, ..law },
+            Law { light: Some(LightPrior { gain: f64::NAN, ..LightPrior::default() }), ..law },
+            Law { light: Some(LightPrior { gain: 0.0, offset: 0.0, gain_slope: 0.0, offset_slope: 0.0 }), ..law },
         ];
         assert!(refused.iter().all(|law| law.check().is_err()));
     }

@@ -2,7 +2,7 @@
 //!
 //! Nothing here reads a file, a clock or a network. The files follow the data:
 //! `sample → image → camera → depth → twist → law → window → order → polynomial → basis → projection → interaction →
-//! sweep → moments → control → servo`.
+//! sweep → moments → gram → light → control → servo`.
 //! [`Servo::step`] is the one function that calls the steps from top to bottom; start reading there.
 //! `docs/paper.md` maps the paper's equations to these files, its letters to these words, and numbers
 //! every place where the code leaves the paper (D1, D2, …) or the paper errs (E1, E2, …).
@@ -52,6 +52,10 @@ mod sweep;
 
 mod moments;
 
+pub mod gram;
+
+mod light;
+
 pub mod control;
 
 mod servo;
@@ -59,7 +63,9 @@ mod servo;
 pub use camera::{CameraError, Intrinsics};
 pub use depth::{Depth, DepthError, DepthMap, HoleFill};
 pub use image::{ImageError, Plane};
-pub use law::{Gain, Law, LawError, Method, StepCap};
+pub use law::{
+    DepthScale, Gain, Gaussian, GaussianForm, Holes, Law, LawError, LightPrior, Method, NoiseFloor, StepCap,
+};
 pub use moments::{FeatureRow, Work};
 pub use order::{OrderError, OrderRule};
 pub use sample::Sample;

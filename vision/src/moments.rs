@@ -5,8 +5,8 @@
 
 use crate::basis::{Basis, BasisError};
 use crate::camera::Intrinsics;
-use crate::control::NormalEquations;
 use crate::depth::Depth;
+use crate::gram::Gram;
 use crate::image::Plane;
 use crate::polynomial::Polynomial;
 use crate::projection::Carriers;
@@ -79,16 +79,16 @@ impl<T: Sample> Moments<T> {
         })
     }
 
-    /// `e`, `L̂` and their normal equations at this order, with the rows `polynomials` along `[u, v]`.
+    /// `e`, `L̂` and their inner products at this order, with the rows `polynomials` along `[u, v]`.
     ///
     /// # Errors
     /// A basis that cannot be.
-    pub(crate) fn normal_equations(
+    pub(crate) fn gram(
         &mut self,
         polynomials: [Polynomial; 2],
         order: usize,
         [current, desired]: [(&Plane<T>, &Depth<T>); 2],
-    ) -> Result<NormalEquations, BasisError> {
+    ) -> Result<Gram, BasisError> {
         self.use_bases(polynomials)?;
         if !self.desired_is_made {
             self.sweep.add_up(desired, None, &self.basis_v, self.highest_order, &mut self.desired);
@@ -98,7 +98,9 @@ impl<T: Sample> Moments<T> {
         self.sweep.add_up(current, Some(desired.0), &self.basis_v, order, &mut self.current);
         self.work.current_sweeps += 1;
         self.current.take_mean_interaction(&self.desired);
-        Ok(NormalEquations::of(self.features().map(|feature| (feature.error, feature.interaction))))
+        let mut gram = Gram::new();
+        self.features().for_each(|feature| gram.add(&feature.interaction, feature.error));
+        Ok(gram)
     }
 
     /// The features of the last step, `n` outside, `m` inside.

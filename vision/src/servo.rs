@@ -4,10 +4,11 @@
 
 use crate::basis::{BasisError, LENGTHS};
 use crate::camera::Intrinsics;
-use crate::control::{NormalEquations, cap_step};
+use crate::control::cap_step;
 use crate::depth::Depth;
+use crate::gram::Gram;
 use crate::image::Plane;
-use crate::law::{Gain, Law, LawError, Method};
+use crate::law::{DepthScale, Gain, Holes, Law, LawError, Method, NoiseFloor};
 use crate::moments::{FeatureRow, Moments, Work};
 use crate::order::feature_count;
 use crate::polynomial::Polynomial;
@@ -33,6 +34,7 @@ pub struct Servo<T> {
     desired_brightness: Brightness,
     current_brightness: Brightness,
     initial_mse: Option<f64>,
+    moved: Option<[f64; 6]>,
     moments: Moments<T>,
 }
 
@@ -63,6 +65,13 @@ pub struct Step {
     pub rank: usize,
     /// Whether some free direction is not seen.
     pub rank_deficient: bool,
+    /// With light columns: `[gain, offset, gain slope u, gain slope v, offset slope u, offset slope v]` of the current image over
+    /// the desired one, as the change from `[0, 0, …]`: a gain of -0.3 is 30 % darker.
+    pub light: Option<[f64; 6]>,
+    /// What the inverse of the given constant depth is multiplied by; 1 when depths are as given.
+    pub depth_scale: f64,
+    /// Share of pixels with weight.
+    pub used_fraction: f64,
 }
 
 /// Why there is no servo, or no step.
@@ -119,6 +128,12 @@ pub enum ServoError {
     /// The window leaves no orthonormal basis.
     #[error(transparent)]
     Basis(#[from] BasisError),
+    /// A part of the law that this version does not serve.
+    #[error("this version does not serve {what}")]
+    NotServed {
+        /// The method or option.
+        what: &'static str,
+    },
 }
 
 impl<T: Sample> Servo<T> {
@@ -128,6 +143,7 @@ impl<T: Sample> Servo<T> {
     /// A law, size, order or depth out of range, or a desired image that is not finite or (for an adaptive window) black.
     pub fn new(law: Law, camera: Intrinsics, desired: View<'_, T>) -> Result<Servo<T>, ServoError> {
         law.check()?;
+        check_served(&law)?;
         let size = desired.image.size();
         if !size.iter().all(|side| LENGTHS.contains(side)) {
             return Err(ServoError::SizeOutOfRange { got: size });
@@ -147,6 +163,7 @@ impl<T: Sample> Servo<T> {
             current_brightness: brightness.clone(),
             desired_brightness: brightness,
             initial_mse: None,
+            moved: None,
             moments: Moments::new(camera, size, law.order.max(), polynomials(&law, window))?,
         })
     }
@@ -163,7 +180,7 @@ impl<T: Sample> Servo<T> {
         let initial_mse = self.initial_mse.unwrap_or(pixel_mse);
         let order = self.law.order.order(pixel_mse, initial_mse);
 
-        let equations = self.normal_equations(current, window, order)?;
+        let equations = self.gram(current, window, order)?.normal_equations();
         if !equations.is_finite() {
             return Err(ServoError::ImageNotFinite);
         }
@@ -176,6 +193,7 @@ impl<T: Sample> Servo<T> {
         let twist = if rank_deficient { Twist::ZERO } else { Twist::from_array(capped).scaled(gain_per_s) };
 
         self.initial_mse = Some(initial_mse);
+        self.moved = None;
         Ok(Step {
             twist,
             gauss_newton: solution.gauss_newton,
@@ -189,7 +207,31 @@ impl<T: Sample> Servo<T> {
             condition_number: solution.condition_number,
             rank: solution.rank,
             rank_deficient,
+            light: None,
+            depth_scale: 1.0,
+            used_fraction: 1.0,
         })
+    }
+
+    /// Takes weights in `[0, 1]`, one per pixel of the desired image, from the next step on: they multiply `I - I*` and all six
+    /// planes of `L_I` of both images. `None` counts every pixel fully.
+    ///
+    /// # Errors
+    /// Another size, a weight outside `[0, 1]`, or a share of pixels with weight too small to servo by; the servo then keeps the mask it had.
+    pub fn set_mask(&mut self, mask: Option<&Plane<T>>) -> Result<(), ServoError> {
+        match mask {
+            None => Ok(()),
+            Some(mask) => {
+                check_size(mask, self.desired_image.size())?;
+                Err(ServoError::NotServed { what: "a mask" })
+            }
+        }
+    }
+
+    /// What the camera was really told to do since the last step: twist times seconds, metres and radians, camera frame. The
+    /// depth-scale estimate learns from it; without it the next step leaves the estimate as it was.
+    pub fn moved(&mut self, displacement: [f64; 6]) {
+        self.moved = Some(displacement);
     }
 
     /// Sets the initial image `I°` of the order rule; otherwise it is the image of the first step.
@@ -240,20 +282,16 @@ impl<T: Sample> Servo<T> {
         window_in_use(&self.law, &self.current_brightness, &self.desired_brightness)
     }
 
-    /// The one place that knows how each method makes its equations.
-    fn normal_equations(
-        &mut self,
-        current: View<'_, T>,
-        window: WindowInUse,
-        order: usize,
-    ) -> Result<NormalEquations, ServoError> {
+    /// The one place that knows how each method makes its products.
+    fn gram(&mut self, current: View<'_, T>, window: WindowInUse, order: usize) -> Result<Gram, ServoError> {
         let views = [(current.image, current.depth), (&self.desired_image, &self.desired_depth)];
         match self.law.method {
             Method::Hahn | Method::Krawtchouk | Method::Tchebichef | Method::Cosine => {
-                let equations = self.moments.normal_equations(polynomials(&self.law, window), order, views)?;
-                debug_assert_eq!(equations.features, feature_count(order));
-                Ok(equations)
+                let gram = self.moments.gram(polynomials(&self.law, window), order, views)?;
+                debug_assert_eq!(gram.features, feature_count(order));
+                Ok(gram)
             }
+            Method::Photometric | Method::GaussianMixture => Err(not_served("this method")),
         }
     }
 }
@@ -263,7 +301,7 @@ fn is_adaptive(law: &Law) -> bool {
     match law.method {
         Method::Hahn => !matches!(law.window, Window::Fixed { .. }),
         Method::Krawtchouk => law.krawtchouk_p == KrawtchoukP::Adaptive,
-        Method::Tchebichef | Method::Cosine => false,
+        Method::Tchebichef | Method::Cosine | Method::Photometric | Method::GaussianMixture => false,
     }
 }
 
@@ -277,7 +315,26 @@ fn window_in_use(law: &Law, current: &Brightness, desired: &Brightness) -> Resul
         (Method::Krawtchouk, _, KrawtchoukP::Adaptive) => {
             krawtchouk_p(law.lattice, current, desired).map(|p| WindowInUse::Krawtchouk { p })
         }
-        (Method::Tchebichef | Method::Cosine, ..) => Ok(WindowInUse::Whole),
+        (Method::Tchebichef | Method::Cosine | Method::Photometric | Method::GaussianMixture, ..) => {
+            Ok(WindowInUse::Whole)
+        }
+    }
+}
+
+fn not_served(what: &'static str) -> ServoError {
+    ServoError::NotServed { what }
+}
+
+/// Refuses what is declared and not yet made.
+fn check_served(law: &Law) -> Result<(), ServoError> {
+    match law {
+        Law { method: Method::Photometric, .. } => Err(not_served("the method photometric")),
+        Law { method: Method::GaussianMixture, .. } => Err(not_served("the method gaussian_mixture")),
+        Law { light: Some(_), .. } => Err(not_served("light columns")),
+        Law { noise_floor: NoiseFloor::Subtracted, .. } => Err(not_served("a noise floor")),
+        Law { depth_scale: DepthScale::Estimated, .. } => Err(not_served("a depth scale")),
+        Law { holes: Holes::Ignored, .. } => Err(not_served("ignored holes")),
+        _ => Ok(()),
     }
 }
 

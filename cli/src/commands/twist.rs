@@ -129,5 +129,6 @@ fn law(args: &TwistArgs) -> anyhow::Result<Law> {
         gain: Gain::PerSecond(args.gain),
         step_cap: None,
         degrees_of_freedom: [true; 6],
+        ..Law::default()
     })
 }
