@@ -7,9 +7,9 @@
 //! 3. every `z` is made orthogonal twice to all rows before it.
 //!
 //! The recurrence `t q_n = β_n q_{n-1} + α_n q_n + β_{n+1} q_{n+1}` is kept: it turns moments of `p_n` into moments of `x p_n`.
-//! The cosine rows (DCT-II) are closed form and have no such recurrence.
+//! Rows in closed form (cosines) are taken as they are and have no such recurrence.
 
-use crate::polynomial::Polynomial;
+use crate::family::{Family, Polynomial, Rows};
 
 /// Shortest and longest axis a basis is made for, in pixels.
 pub const LENGTHS: std::ops::RangeInclusive<usize> = 8..=4096;
@@ -81,7 +81,8 @@ impl Basis {
     ///
     /// # Errors
     /// A length outside [`LENGTHS`], more rows than pixels, a parameter out of range, or a defect above 1e-9.
-    pub fn new(length: usize, rows: usize, polynomial: Polynomial) -> Result<Basis, BasisError> {
+    pub fn new(length: usize, rows: usize, polynomial: impl Into<Polynomial>) -> Result<Basis, BasisError> {
+        let polynomial = polynomial.into();
         if !LENGTHS.contains(&length) {
             return Err(BasisError::Length { length });
         }
@@ -112,10 +113,7 @@ impl Basis {
         }
         self.polynomial = polynomial;
         self.points = self.length + usize::from(polynomial.has_extra_point());
-        match polynomial {
-            Polynomial::Cosine => self.fill_cosines(),
-            _ => self.fill_polynomials(),
-        }
+        polynomial.fill(self);
         // On its own lattice every basis must prove itself; the cut to the pixels comes after that.
         let defect = self.products_defect(self.points);
         if defect > LARGEST_DEFECT || defect.is_nan() {
@@ -150,9 +148,9 @@ impl Basis {
         self.defect
     }
 
-    /// The three-term recurrence of the rows; the cosines have none.
+    /// The three-term recurrence of the rows; those in closed form have none.
     pub fn recurrence(&self) -> Option<Recurrence<'_>> {
-        (self.polynomial != Polynomial::Cosine).then_some(Recurrence {
+        self.polynomial.has_recurrence().then_some(Recurrence {
             diagonal: &self.diagonal,
             off_diagonal: &self.off_diagonal,
             points: self.points,
@@ -163,25 +161,28 @@ impl Basis {
         &self.values[n * (self.length + 1)..][..self.points]
     }
 
-    /// `p_0 = √(1/N)`, `p_n(u) = √(2/N) cos(π n (2u + 1) / 2N)`.
-    fn fill_cosines(&mut self) {
-        let length = self.length as f64;
+    /// The rows of this family, not checked yet.
+    pub(crate) fn fill<F: Family>(&mut self, family: &F) {
+        match F::ROWS {
+            Rows::UnderWeight(ratio) => self.fill_polynomials(|u, points| ratio(family, u, points)),
+            Rows::ClosedForm(value) => self.fill_closed_form(|n, u, length| value(family, n, u, length)),
+        }
+    }
+
+    fn fill_closed_form(&mut self, value_at: impl Fn(usize, usize, usize) -> f64) {
         for (n, row) in self.values.chunks_exact_mut(self.length + 1).enumerate() {
-            let scale = (if n == 0 { 1.0 } else { 2.0 } / length).sqrt();
             for (u, value) in row[..self.length].iter_mut().enumerate() {
-                // The angle's period is 4N: reducing the whole numbers first keeps the cosine exact to its last digits.
-                let quarter_steps = (n * (2 * u + 1)) % (4 * self.length);
-                *value = scale * (std::f64::consts::PI * quarter_steps as f64 / (2.0 * length)).cos();
+                *value = value_at(n, u, self.length);
             }
         }
     }
 
-    fn fill_polynomials(&mut self) {
+    fn fill_polynomials(&mut self, weight_ratio: impl Fn(f64, f64) -> f64) {
         let (points, stride) = (self.points, self.length + 1);
         for (u, t) in self.scaled_u[..points].iter_mut().enumerate() {
             *t = 2.0 * u as f64 / (points - 1) as f64 - 1.0;
         }
-        fill_root_weight(self.polynomial, &mut self.values[..points]);
+        fill_root_weight(weight_ratio, &mut self.values[..points]);
         let t = &self.scaled_u[..points];
         for n in 0..self.off_diagonal.len() - 1 {
             let (made, next) = self.values.split_at_mut((n + 1) * stride);
@@ -210,9 +211,9 @@ impl Basis {
 }
 
 /// `q_0 = √w`, normalized: the weight falls on both sides of its mode, so start there with 1 and multiply outwards.
-fn fill_root_weight(polynomial: Polynomial, q: &mut [f64]) {
+fn fill_root_weight(weight_ratio: impl Fn(f64, f64) -> f64, q: &mut [f64]) {
     let points = q.len();
-    let ratio = |u: usize| polynomial.weight_ratio(u as f64, points as f64);
+    let ratio = |u: usize| weight_ratio(u as f64, points as f64);
     let mode = (1..points).take_while(|u| ratio(*u) >= 1.0).last().unwrap_or(0);
     q[mode] = 1.0;
     for u in mode + 1..points {
@@ -255,20 +256,23 @@ fn sum(terms: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::window::Lattice;
+    use crate::family::krawtchouk::Lattice;
+    use crate::family::{Cosine, Hahn, Krawtchouk, Tchebichef};
+    use crate::law::Law;
+    use crate::window::{Brightness, NoBrightness};
 
     #[test]
     fn hahn_without_a_window_is_tchebichef() {
-        let hahn = Basis::new(100, 20, Polynomial::Hahn { a: 0.0, b: 0.0 }).expect("valid");
-        let tchebichef = Basis::new(100, 20, Polynomial::Tchebichef).expect("valid");
+        let hahn = Basis::new(100, 20, Hahn { a: 0.0, b: 0.0 }).expect("valid");
+        let tchebichef = Basis::new(100, 20, Tchebichef).expect("valid");
         let worst = (0..20).flat_map(|n| hahn.row(n).iter().zip(tchebichef.row(n))).map(|(a, b)| (a - b).abs());
         assert!(worst.fold(0.0, f64::max) < 1e-12, "both are made by the same steps, from equal weights");
     }
 
     #[test]
     fn the_recurrence_multiplies_by_u_in_wide_and_narrow_windows() {
-        let krawtchouk = |p| Polynomial::Krawtchouk { p, lattice: Lattice::Paper };
-        let hahn = |a, b| Polynomial::Hahn { a, b };
+        let krawtchouk = |p| Polynomial::from(Krawtchouk { p, lattice: Lattice::Paper });
+        let hahn = |a, b| Polynomial::from(Hahn { a, b });
         for polynomial in [hahn(3.5, 9.0), hahn(10.0, 1e5), hahn(1e9, 0.0), krawtchouk(1e-3), krawtchouk(0.9999)] {
             let (length, rows) = (640, 43);
             let basis = Basis::new(length, rows, polynomial).expect("valid");
@@ -286,19 +290,43 @@ mod tests {
 
     #[test]
     fn the_papers_krawtchouk_lattice_reports_its_defect_on_the_pixels() {
-        let at = |p, lattice| Basis::new(128, 17, Polynomial::Krawtchouk { p, lattice }).expect("valid").defect();
+        let at = |p, lattice| Basis::new(128, 17, Krawtchouk { p, lattice }).expect("valid").defect();
         assert!(at(0.97, Lattice::Paper) > 0.1, "the cut point carries much of the weight");
         assert!(at(0.5, Lattice::Paper) < 1e-12 && at(0.97, Lattice::Exact) < 1e-12);
     }
 
+    /// A family of nobody's: a weight that falls by a tenth from pixel to pixel.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    struct Falling;
+
+    impl Family for Falling {
+        const WORD: &'static str = "falling";
+        const ROWS: Rows<Falling> = Rows::UnderWeight(|_, _, _| 0.9);
+
+        fn choose(_: &Law, _: &Brightness, _: &Brightness) -> Result<[Falling; 2], NoBrightness> {
+            Ok([Falling; 2])
+        }
+    }
+
+    #[test]
+    fn a_family_that_only_names_its_weight_has_rows_orthonormal_under_it() {
+        let mut basis = Basis::new(60, 12, Tchebichef).expect("valid");
+        basis.fill(&Falling);
+        assert!(basis.products_defect(60) < 1e-13, "re-orthogonalised twice");
+        for u in 1..60 {
+            let ratio = (basis.row(0)[u] / basis.row(0)[u - 1]).powi(2);
+            assert!((ratio - 0.9).abs() < 1e-14, "row 0 is the root of the weight");
+        }
+    }
+
     #[test]
     fn a_basis_that_cannot_be_is_refused() {
-        assert_eq!(Basis::new(7, 3, Polynomial::Tchebichef).err(), Some(BasisError::Length { length: 7 }));
-        assert_eq!(Basis::new(8, 9, Polynomial::Cosine).err(), Some(BasisError::Rows { length: 8, rows: 9 }));
+        assert_eq!(Basis::new(7, 3, Tchebichef).err(), Some(BasisError::Length { length: 7 }));
+        assert_eq!(Basis::new(8, 9, Cosine).err(), Some(BasisError::Rows { length: 8, rows: 9 }));
         let bad = [
-            Polynomial::Hahn { a: -0.5, b: 0.0 },
-            Polynomial::Hahn { a: 0.0, b: f64::NAN },
-            Polynomial::Krawtchouk { p: 1.0, lattice: Lattice::Exact },
+            Polynomial::from(Hahn { a: -0.5, b: 0.0 }),
+            Hahn { a: 0.0, b: f64::NAN }.into(),
+            Krawtchouk { p: 1.0, lattice: Lattice::Exact }.into(),
         ];
         assert!(bad.iter().all(|p| matches!(Basis::new(32, 5, *p), Err(BasisError::Parameter { .. }))));
     }

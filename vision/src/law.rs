@@ -2,25 +2,10 @@
 //!
 //! All fields are plain values; [`Law::check`] holds the rules between them and [`crate::Servo::new`] calls it.
 
+use crate::family::hahn::{HAHN_LIMIT, Window};
+use crate::family::krawtchouk::{KrawtchoukP, Lattice};
+use crate::family::{self, Method};
 use crate::order::OrderRule;
-use crate::window::{KrawtchoukP, Lattice, Window};
-
-/// What the law compares in the two images.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Method {
-    /// Hahn moments: a window anywhere between the whole image (Tchebichef) and a narrow spot (Krawtchouk).
-    Hahn,
-    /// Krawtchouk moments: a narrow spot around a chosen point.
-    Krawtchouk,
-    /// Tchebichef moments: the whole image, evenly.
-    Tchebichef,
-    /// Orthonormal cosine (DCT-II) coefficients: the whole image, evenly.
-    Cosine,
-    /// Every pixel is a feature: photometric servoing.
-    Photometric,
-    /// Every pixel of the two images seen through a bell: the photometric gaussian mixture.
-    GaussianMixture,
-}
 
 /// The bell of the gaussian mixture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -160,7 +145,7 @@ pub enum LawError {
         step_cap: StepCap,
     },
     /// A Hahn parameter is negative, too large or not a number.
-    #[error("hahn window parameters must be in 0..={}, got x {x:?} and y {y:?}", crate::polynomial::HAHN_LIMIT)]
+    #[error("hahn window parameters must be in 0..={}, got x {x:?} and y {y:?}", HAHN_LIMIT)]
     Window {
         /// `[a, b]` along `u`.
         x: [f64; 2],
@@ -279,16 +264,7 @@ impl Law {
         {
             return Err(LawError::StepCap { step_cap });
         }
-        if let Window::Fixed { x, y } = self.window
-            && !x.iter().chain(&y).all(|c| (0.0..=crate::polynomial::HAHN_LIMIT).contains(c))
-        {
-            return Err(LawError::Window { x, y });
-        }
-        if let KrawtchoukP::Fixed(p) = self.krawtchouk_p
-            && !p.iter().all(|p| *p > 0.0 && *p < 1.0)
-        {
-            return Err(LawError::KrawtchoukP { p });
-        }
+        family::check(self)?;
         if !positive(self.gaussian.extent_px) {
             return Err(LawError::GaussianExtent { extent_px: self.gaussian.extent_px });
         }
@@ -297,20 +273,10 @@ impl Law {
         {
             return Err(LawError::Light { light });
         }
-        if self.depth_scale == DepthScale::Estimated && !self.has_fixed_moments() {
+        if self.depth_scale == DepthScale::Estimated && (!self.method.is_on_moments() || family::follows_images(self)) {
             return Err(LawError::DepthScale { method: self.method, window: self.window });
         }
         if self.degrees_of_freedom == [false; 6] { Err(LawError::NothingMoves) } else { Ok(()) }
-    }
-
-    /// Whether two frames' features are moments under one and the same window.
-    fn has_fixed_moments(&self) -> bool {
-        match self.method {
-            Method::Hahn => matches!(self.window, Window::Fixed { .. }),
-            Method::Krawtchouk => self.krawtchouk_p != KrawtchoukP::Adaptive,
-            Method::Tchebichef | Method::Cosine => true,
-            Method::Photometric | Method::GaussianMixture => false,
-        }
     }
 }
 

@@ -1,8 +1,8 @@
 //! Direct visual servoing on discrete orthogonal moments: two images in, one camera twist out.
 //!
 //! Nothing here reads a file, a clock or a network. The files follow the data:
-//! `sample → image → camera → depth → twist → law → window → order → polynomial → basis → projection → interaction →
-//! sweep → moments → gram → light → control → servo`.
+//! `sample → image → camera → depth → twist → law → window → family → order → basis → projection → interaction →
+//! sweep → moments → features → gram → light → control → servo`.
 //! [`Servo::step`] is the one function that calls the steps from top to bottom; start reading there.
 //! `docs/paper.md` maps the paper's equations to these files, its letters to these words, and numbers
 //! every place where the code leaves the paper (D1, D2, …) or the paper errs (E1, E2, …).
@@ -38,9 +38,9 @@ mod law;
 
 pub mod window;
 
-mod order;
+pub mod family;
 
-pub mod polynomial;
+mod order;
 
 pub mod basis;
 
@@ -52,6 +52,8 @@ mod sweep;
 
 mod moments;
 
+mod features;
+
 pub mod gram;
 
 mod light;
@@ -62,13 +64,14 @@ mod servo;
 
 pub use camera::{CameraError, Intrinsics};
 pub use depth::{Depth, DepthError, DepthMap, HoleFill};
+pub use family::hahn::Window;
+pub use family::krawtchouk::{KrawtchoukP, Lattice};
+pub use family::{Method, Polynomial};
 pub use image::{ImageError, Plane};
-pub use law::{
-    DepthScale, Gain, Gaussian, GaussianForm, Holes, Law, LawError, LightPrior, Method, NoiseFloor, StepCap,
-};
+pub use law::{DepthScale, Gain, Gaussian, GaussianForm, Holes, Law, LawError, LightPrior, NoiseFloor, StepCap};
 pub use moments::{FeatureRow, Work};
 pub use order::{OrderError, OrderRule};
 pub use sample::Sample;
 pub use servo::{Servo, ServoError, Step, View};
 pub use twist::Twist;
-pub use window::{KrawtchoukP, Lattice, Window, WindowInUse};
+pub use window::WindowInUse;

@@ -6,9 +6,10 @@
 use crate::basis::{Basis, BasisError};
 use crate::camera::Intrinsics;
 use crate::depth::Depth;
+use crate::family::Polynomial;
 use crate::gram::Gram;
 use crate::image::Plane;
-use crate::polynomial::Polynomial;
+use crate::order::feature_count;
 use crate::projection::Carriers;
 use crate::sample::Sample;
 use crate::sweep::{FeatureTable, Sweep};
@@ -100,6 +101,7 @@ impl<T: Sample> Moments<T> {
         self.current.take_mean_interaction(&self.desired);
         let mut gram = Gram::new();
         self.features().for_each(|feature| gram.add(&feature.interaction, feature.error));
+        debug_assert_eq!(gram.features, feature_count(order));
         Ok(gram)
     }
 

@@ -2,8 +2,8 @@
 //!
 //! The double sum `Σ_u Σ_v p_n(u) q_m(v) J(u, v)` is done in two stages, image row by image row: here `h_n = Σ_u p_n(u) J(u, v)`,
 //! then `h_n q_m(v)` is added up ([`crate::sweep`]). The interaction matrix also needs moments of `x p_n` and `x² p_n`; for the
-//! polynomials both lie in the span of `p_0 … p_{l+2}`, by the recurrence, so two more rows carry them ("carriers"). Cosines have no
-//! recurrence: their carriers are `p_n`, `x p_n` and `x² p_n` themselves.
+//! polynomials both lie in the span of `p_0 … p_{l+2}`, by the recurrence, so two more rows carry them ("carriers"). Rows without a
+//! recurrence (cosines): their carriers are `p_n`, `x p_n` and `x² p_n` themselves.
 //!
 //! A plane of degree `k` is projected on the carriers of degrees `0 … k`: 2 for the gradient along `u`, 1 along `v`, 0 for an image.
 
@@ -11,7 +11,6 @@ use std::ops::Range;
 
 use crate::basis::Basis;
 use crate::camera::Intrinsics;
-use crate::polynomial::Polynomial;
 use crate::sample::Sample;
 
 /// Samples that are worked on side by side; rows are padded with zeros to whole chunks.
@@ -50,19 +49,19 @@ impl<T: Sample> Carriers<T> {
 
     /// Room for the carriers of bases like this one.
     pub(crate) fn new(basis: &Basis, highest_order: usize) -> Carriers<T> {
-        let is_cosine = basis.polynomial() == Polynomial::Cosine;
-        let rows = if is_cosine { 3 * (highest_order + 1) } else { highest_order + 3 };
-        let times_x = if is_cosine {
-            TimesX::OwnRows
-        } else {
-            TimesX::Recurrence { below: vec![0.0; rows], here: vec![0.0; rows - 1] }
+        let (rows, times_x) = match basis.recurrence() {
+            Some(_) => {
+                let rows = highest_order + 3;
+                (rows, TimesX::Recurrence { below: vec![0.0; rows], here: vec![0.0; rows - 1] })
+            }
+            None => (3 * (highest_order + 1), TimesX::OwnRows),
         };
         Carriers { rows: (0..rows).map(|_| padded_row(basis.length())).collect(), times_x, highest_order }
     }
 
     /// Fills the carriers from another basis of the same kind, in place.
     pub(crate) fn set(&mut self, basis: &Basis, camera: &Intrinsics) {
-        debug_assert_eq!(matches!(self.times_x, TimesX::OwnRows), basis.polynomial() == Polynomial::Cosine);
+        debug_assert_eq!(matches!(self.times_x, TimesX::OwnRows), basis.recurrence().is_none());
         match (&mut self.times_x, basis.recurrence()) {
             (TimesX::Recurrence { below, here }, Some(by)) => {
                 // x = scale t + shift, since u = (t + 1)(points - 1)/2.

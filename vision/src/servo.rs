@@ -6,15 +6,15 @@ use crate::basis::{BasisError, LENGTHS};
 use crate::camera::Intrinsics;
 use crate::control::cap_step;
 use crate::depth::Depth;
+use crate::family::{self, Chosen, Method};
+use crate::features::{Features, Sights};
 use crate::gram::Gram;
 use crate::image::Plane;
-use crate::law::{DepthScale, Gain, Holes, Law, LawError, Method, NoiseFloor};
-use crate::moments::{FeatureRow, Moments, Work};
-use crate::order::feature_count;
-use crate::polynomial::Polynomial;
+use crate::law::{DepthScale, Gain, Holes, Law, LawError, NoiseFloor};
+use crate::moments::{FeatureRow, Work};
 use crate::sample::Sample;
 use crate::twist::Twist;
-use crate::window::{Brightness, KrawtchoukP, NoBrightness, Rule, Window, WindowInUse, hahn_window, krawtchouk_p};
+use crate::window::{Brightness, NoBrightness, WindowInUse};
 
 /// What a camera sees: an image in `[0, 1]`, and how far it is.
 #[derive(Debug, Clone, Copy)]
@@ -35,7 +35,7 @@ pub struct Servo<T> {
     current_brightness: Brightness,
     initial_mse: Option<f64>,
     moved: Option<[f64; 6]>,
-    moments: Moments<T>,
+    features: Features<T>,
 }
 
 /// One step's twist, and what it was made of.
@@ -155,7 +155,11 @@ impl<T: Sample> Servo<T> {
         check_view(desired, size)?;
         mean_square_difference(desired.image, desired.image)?;
         let brightness = Brightness::of(desired.image);
-        let window = window_in_use(&law, &brightness, &brightness)?;
+        let chosen = family::choose(&law, &brightness, &brightness)?;
+        let features = match chosen {
+            Some(chosen) => Features::moments(camera, size, law.order.max(), chosen)?,
+            None => return Err(not_served("this method")),
+        };
         Ok(Servo {
             law,
             desired_image: desired.image.clone(),
@@ -164,7 +168,7 @@ impl<T: Sample> Servo<T> {
             desired_brightness: brightness,
             initial_mse: None,
             moved: None,
-            moments: Moments::new(camera, size, law.order.max(), polynomials(&law, window))?,
+            features,
         })
     }
 
@@ -176,11 +180,11 @@ impl<T: Sample> Servo<T> {
         check_view(current, self.desired_image.size())?;
         let pixel_mse = mean_square_difference(current.image, &self.desired_image)?;
 
-        let window = self.choose_window(current.image)?;
+        let chosen = self.choose_rows(current.image)?;
         let initial_mse = self.initial_mse.unwrap_or(pixel_mse);
         let order = self.law.order.order(pixel_mse, initial_mse);
 
-        let equations = self.gram(current, window, order)?.normal_equations();
+        let equations = self.gram(current, chosen, order)?.normal_equations();
         if !equations.is_finite() {
             return Err(ServoError::ImageNotFinite);
         }
@@ -201,7 +205,7 @@ impl<T: Sample> Servo<T> {
             gain_per_s,
             order,
             features: equations.features,
-            window,
+            window: chosen.map_or(WindowInUse::Whole, |chosen| chosen.window),
             pixel_mse,
             feature_error_squared: equations.error_squared,
             condition_number: solution.condition_number,
@@ -267,57 +271,25 @@ impl<T: Sample> Servo<T> {
 
     /// The features of the last step, `n` outside, `m` inside: what `e` and `L̂` were.
     pub fn features(&self) -> impl Iterator<Item = FeatureRow> {
-        self.moments.features()
+        self.features.rows()
     }
 
     /// What has been computed so far; the rest was found in the cache.
     pub fn work(&self) -> Work {
-        self.moments.work()
+        self.features.work()
     }
 
-    fn choose_window(&mut self, current: &Plane<T>) -> Result<WindowInUse, NoBrightness> {
-        if is_adaptive(&self.law) {
+    fn choose_rows(&mut self, current: &Plane<T>) -> Result<Option<Chosen>, NoBrightness> {
+        if family::follows_images(&self.law) {
             self.current_brightness.set(current);
         }
-        window_in_use(&self.law, &self.current_brightness, &self.desired_brightness)
+        family::choose(&self.law, &self.current_brightness, &self.desired_brightness)
     }
 
-    /// The one place that knows how each method makes its products.
-    fn gram(&mut self, current: View<'_, T>, window: WindowInUse, order: usize) -> Result<Gram, ServoError> {
-        let views = [(current.image, current.depth), (&self.desired_image, &self.desired_depth)];
-        match self.law.method {
-            Method::Hahn | Method::Krawtchouk | Method::Tchebichef | Method::Cosine => {
-                let gram = self.moments.gram(polynomials(&self.law, window), order, views)?;
-                debug_assert_eq!(gram.features, feature_count(order));
-                Ok(gram)
-            }
-            Method::Photometric | Method::GaussianMixture => Err(not_served("this method")),
-        }
-    }
-}
-
-/// Whether the law's window follows the images.
-fn is_adaptive(law: &Law) -> bool {
-    match law.method {
-        Method::Hahn => !matches!(law.window, Window::Fixed { .. }),
-        Method::Krawtchouk => law.krawtchouk_p == KrawtchoukP::Adaptive,
-        Method::Tchebichef | Method::Cosine | Method::Photometric | Method::GaussianMixture => false,
-    }
-}
-
-fn window_in_use(law: &Law, current: &Brightness, desired: &Brightness) -> Result<WindowInUse, NoBrightness> {
-    let hahn = |rule| hahn_window(rule, current, desired).map(|[x, y]| WindowInUse::Hahn { x, y });
-    match (law.method, law.window, law.krawtchouk_p) {
-        (Method::Hahn, Window::Adaptive, _) => hahn(Rule::Logs),
-        (Method::Hahn, Window::AdaptivePaper, _) => hahn(Rule::Paper),
-        (Method::Hahn, Window::Fixed { x, y }, _) => Ok(WindowInUse::Hahn { x, y }),
-        (Method::Krawtchouk, _, KrawtchoukP::Fixed(p)) => Ok(WindowInUse::Krawtchouk { p }),
-        (Method::Krawtchouk, _, KrawtchoukP::Adaptive) => {
-            krawtchouk_p(law.lattice, current, desired).map(|p| WindowInUse::Krawtchouk { p })
-        }
-        (Method::Tchebichef | Method::Cosine | Method::Photometric | Method::GaussianMixture, ..) => {
-            Ok(WindowInUse::Whole)
-        }
+    fn gram(&mut self, current: View<'_, T>, chosen: Option<Chosen>, order: usize) -> Result<Gram, BasisError> {
+        let sights =
+            Sights { current: (current.image, current.depth), desired: (&self.desired_image, &self.desired_depth) };
+        self.features.gram(chosen, order, sights)
     }
 }
 
@@ -335,16 +307,6 @@ fn check_served(law: &Law) -> Result<(), ServoError> {
         Law { depth_scale: DepthScale::Estimated, .. } => Err(not_served("a depth scale")),
         Law { holes: Holes::Ignored, .. } => Err(not_served("ignored holes")),
         _ => Ok(()),
-    }
-}
-
-/// The rows along `[u, v]` that a window stands for.
-fn polynomials(law: &Law, window: WindowInUse) -> [Polynomial; 2] {
-    match window {
-        WindowInUse::Hahn { x, y } => [x, y].map(|[a, b]| Polynomial::Hahn { a, b }),
-        WindowInUse::Krawtchouk { p } => p.map(|p| Polynomial::Krawtchouk { p, lattice: law.lattice }),
-        WindowInUse::Whole if law.method == Method::Cosine => [Polynomial::Cosine; 2],
-        WindowInUse::Whole => [Polynomial::Tchebichef; 2],
     }
 }
 

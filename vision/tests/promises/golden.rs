@@ -1,8 +1,10 @@
 //! Values made at 60 to 200 digits by `tests/data/make_golden.py`, from the definitions: polynomials, windows, orders, whole steps.
 
 use domvs_vision::basis::Basis;
-use domvs_vision::polynomial::Polynomial;
-use domvs_vision::window::{Brightness, Rule, hahn_window, hahn_window_unrounded, krawtchouk_p};
+use domvs_vision::family::hahn::{Hahn, Rule, hahn_window, hahn_window_unrounded};
+use domvs_vision::family::krawtchouk::{Krawtchouk, krawtchouk_p};
+use domvs_vision::family::{Cosine, Polynomial, Tchebichef};
+use domvs_vision::window::Brightness;
 use domvs_vision::{
     Depth, DepthMap, Gain, HoleFill, Intrinsics, Lattice, Law, Method, OrderRule, Plane, Servo, View, Window,
 };
@@ -25,13 +27,13 @@ pub fn whole(value: &Value) -> usize {
 fn polynomial(case: &Value) -> Polynomial {
     let number = |name: &str| case[name].as_f64().unwrap();
     match (case["kind"].as_str().unwrap(), case["lattice"].as_str()) {
-        ("hahn", _) => Polynomial::Hahn { a: number("a"), b: number("b") },
-        ("krawtchouk", Some("paper")) => Polynomial::Krawtchouk { p: number("p"), lattice: Lattice::Paper },
-        ("krawtchouk", _) => Polynomial::Krawtchouk { p: number("p"), lattice: Lattice::Exact },
-        ("tchebichef", _) => Polynomial::Tchebichef,
+        ("hahn", _) => Polynomial::Hahn(Hahn { a: number("a"), b: number("b") }),
+        ("krawtchouk", Some("paper")) => Polynomial::Krawtchouk(Krawtchouk { p: number("p"), lattice: Lattice::Paper }),
+        ("krawtchouk", _) => Polynomial::Krawtchouk(Krawtchouk { p: number("p"), lattice: Lattice::Exact }),
+        ("tchebichef", _) => Polynomial::Tchebichef(Tchebichef),
         (kind, _) => {
             assert_eq!(kind, "cosine");
-            Polynomial::Cosine
+            Polynomial::Cosine(Cosine)
         }
     }
 }
@@ -168,10 +170,11 @@ fn law_of(name: &str) -> Law {
 
 #[test]
 fn narrow_windows_and_long_axes_stay_orthonormal() {
-    let krawtchouk = |p, lattice| Polynomial::Krawtchouk { p, lattice };
-    let mut polynomials = vec![Polynomial::Tchebichef, Polynomial::Cosine];
+    let krawtchouk = |p, lattice| Polynomial::Krawtchouk(Krawtchouk { p, lattice });
+    let mut polynomials = vec![Polynomial::Tchebichef(Tchebichef), Polynomial::Cosine(Cosine)];
     for narrow in [0.0, 0.3, 8.0, 1e3, 1e5] {
-        polynomials.extend([(narrow, narrow), (0.5, narrow), (narrow, 2.0)].map(|(a, b)| Polynomial::Hahn { a, b }));
+        polynomials
+            .extend([(narrow, narrow), (0.5, narrow), (narrow, 2.0)].map(|(a, b)| Polynomial::Hahn(Hahn { a, b })));
     }
     for p in [1e-3, 0.02, 0.5, 0.97, 0.9999] {
         polynomials.extend([Lattice::Paper, Lattice::Exact].map(|lattice| krawtchouk(p, lattice)));
@@ -179,7 +182,7 @@ fn narrow_windows_and_long_axes_stay_orthonormal() {
     for (length, polynomial) in [8, 45, 640, 4096].into_iter().flat_map(|n| polynomials.iter().map(move |p| (n, *p))) {
         let rows = length.min(43);
         let basis = Basis::new(length, rows, polynomial).unwrap_or_else(|e| panic!("{length} pixels: {e}"));
-        let may_be_cut = matches!(polynomial, Polynomial::Krawtchouk { lattice: Lattice::Paper, .. });
+        let may_be_cut = matches!(polynomial, Polynomial::Krawtchouk(Krawtchouk { lattice: Lattice::Paper, .. }));
         assert!(may_be_cut || basis.defect() < 1e-12, "{length} pixels, {polynomial:?}: {:e}", basis.defect());
         assert!((0..rows).all(|n| basis.row(n).iter().all(|x| x.is_finite())));
     }
@@ -187,7 +190,7 @@ fn narrow_windows_and_long_axes_stay_orthonormal() {
 
 #[test]
 fn the_highest_coefficient_is_positive() {
-    for polynomial in [Polynomial::Tchebichef, Polynomial::Hahn { a: 2.0, b: 5.0 }] {
+    for polynomial in [Polynomial::Tchebichef(Tchebichef), Polynomial::Hahn(Hahn { a: 2.0, b: 5.0 })] {
         let basis = Basis::new(30, 20, polynomial).unwrap();
         for n in 0..20 {
             let sign = if n % 2 == 0 { 1.0 } else { -1.0 };
@@ -198,7 +201,9 @@ fn the_highest_coefficient_is_positive() {
 
 #[test]
 fn tchebichef_and_even_hahn_rows_are_even_and_odd_in_turn() {
-    for polynomial in [Polynomial::Tchebichef, Polynomial::Hahn { a: 8.0, b: 8.0 }, Polynomial::Cosine] {
+    for polynomial in
+        [Polynomial::Tchebichef(Tchebichef), Polynomial::Hahn(Hahn { a: 8.0, b: 8.0 }), Polynomial::Cosine(Cosine)]
+    {
         let basis = Basis::new(51, 30, polynomial).unwrap();
         for (n, u) in (0..30).flat_map(|n| (0..51).map(move |u| (n, u))) {
             let sign = if n % 2 == 0 { 1.0 } else { -1.0 };
@@ -211,8 +216,8 @@ fn tchebichef_and_even_hahn_rows_are_even_and_odd_in_turn() {
 #[test]
 fn a_very_tight_hahn_window_is_krawtchouk() {
     let (p, t) = (0.25, 1e9);
-    let hahn = Basis::new(64, 6, Polynomial::Hahn { a: (1.0 - p) * t, b: p * t }).unwrap();
-    let krawtchouk = Basis::new(64, 6, Polynomial::Krawtchouk { p, lattice: Lattice::Exact }).unwrap();
+    let hahn = Basis::new(64, 6, Polynomial::Hahn(Hahn { a: (1.0 - p) * t, b: p * t })).unwrap();
+    let krawtchouk = Basis::new(64, 6, Polynomial::Krawtchouk(Krawtchouk { p, lattice: Lattice::Exact })).unwrap();
     for n in 0..6 {
         let worst = hahn.row(n).iter().zip(krawtchouk.row(n)).fold(0.0, |w: f64, (a, b)| w.max((a - b).abs()));
         assert!(worst < 1e-5, "Eq. (7): the limit is approached as N²/t = 4e-6, got {worst:e}");

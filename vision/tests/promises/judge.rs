@@ -1,8 +1,8 @@
 //! The judge of the fast way: the literal double sums over full planes, and an SVD for the pseudo-inverse. Slow, and plain.
 
 use domvs_vision::basis::Basis;
+use domvs_vision::family::{Cosine, Hahn, Krawtchouk, Polynomial, Tchebichef};
 use domvs_vision::interaction::point_interaction;
-use domvs_vision::polynomial::Polynomial;
 use domvs_vision::{Depth, Lattice, Method, Plane, View, WindowInUse};
 use nalgebra::{DMatrix, DVector, RowVector2};
 
@@ -19,10 +19,10 @@ pub struct Judgement {
 /// The rows along `[u, v]` that a step said it used.
 pub fn polynomials(method: Method, window: WindowInUse, lattice: Lattice) -> [Polynomial; 2] {
     match window {
-        WindowInUse::Hahn { x, y } => [x, y].map(|[a, b]| Polynomial::Hahn { a, b }),
-        WindowInUse::Krawtchouk { p } => p.map(|p| Polynomial::Krawtchouk { p, lattice }),
-        WindowInUse::Whole if method == Method::Cosine => [Polynomial::Cosine; 2],
-        WindowInUse::Whole => [Polynomial::Tchebichef; 2],
+        WindowInUse::Hahn { x, y } => [x, y].map(|[a, b]| Polynomial::Hahn(Hahn { a, b })),
+        WindowInUse::Krawtchouk { p } => p.map(|p| Polynomial::Krawtchouk(Krawtchouk { p, lattice })),
+        WindowInUse::Whole if method == Method::Cosine => [Polynomial::Cosine(Cosine); 2],
+        WindowInUse::Whole => [Polynomial::Tchebichef(Tchebichef); 2],
     }
 }
 

@@ -3,8 +3,10 @@
 
 use std::path::PathBuf;
 
-use domvs_vision::polynomial::Polynomial;
-use domvs_vision::window::{Brightness, Rule, hahn_window, hahn_window_unrounded, krawtchouk_p};
+use domvs_vision::family::hahn::{Hahn, Rule, hahn_window, hahn_window_unrounded};
+use domvs_vision::family::krawtchouk::{Krawtchouk, krawtchouk_p};
+use domvs_vision::family::{Polynomial, Tchebichef};
+use domvs_vision::window::Brightness;
 use domvs_vision::{
     Depth, DepthMap, Gain, HoleFill, Intrinsics, Lattice, Law, Method, OrderRule, Plane, Servo, Step, View, Window,
     WindowInUse,
@@ -35,10 +37,10 @@ fn reference_polynomials_are_met_to_1e_12() {
     for case in golden["cases"].as_array().unwrap() {
         let number = |name: &str| case[name].as_f64().unwrap();
         let polynomial = match case["family"].as_str().unwrap() {
-            "tchebichef" => Polynomial::Tchebichef,
-            "hahn" => Polynomial::Hahn { a: number("a"), b: number("b") },
-            "krawtchouk_paper" => Polynomial::Krawtchouk { p: number("p"), lattice: Lattice::Paper },
-            _ => Polynomial::Krawtchouk { p: number("p"), lattice: Lattice::Exact },
+            "tchebichef" => Polynomial::Tchebichef(Tchebichef),
+            "hahn" => Polynomial::Hahn(Hahn { a: number("a"), b: number("b") }),
+            "krawtchouk_paper" => Polynomial::Krawtchouk(Krawtchouk { p: number("p"), lattice: Lattice::Paper }),
+            _ => Polynomial::Krawtchouk(Krawtchouk { p: number("p"), lattice: Lattice::Exact }),
         };
         worst = worst.max(polynomial_difference(polynomial, whole(&case["N"]), case));
     }

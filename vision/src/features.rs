@@ -1,0 +1,72 @@
+//! The one place that knows how each method makes its [`Gram`] of two views.
+
+use crate::basis::BasisError;
+use crate::camera::Intrinsics;
+use crate::depth::Depth;
+use crate::family::Chosen;
+use crate::gram::Gram;
+use crate::image::Plane;
+use crate::moments::{FeatureRow, Moments, Work};
+use crate::sample::Sample;
+
+/// An image and its depth.
+pub(crate) type Sight<'a, T> = (&'a Plane<T>, &'a Depth<T>);
+
+/// A pair of views of one size, and how much each pixel counts.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sights<'a, T> {
+    pub current: Sight<'a, T>,
+    pub desired: Sight<'a, T>,
+}
+
+/// The buffers of the method in use.
+#[derive(Debug)]
+pub(crate) enum Features<T> {
+    /// Of every family.
+    Moments(Moments<T>),
+}
+
+impl<T: Sample> Features<T> {
+    /// Buffers for moments of `[width, height]` pixels, up to this order, with these rows to begin with.
+    ///
+    /// # Errors
+    /// A basis that cannot be.
+    pub(crate) fn moments(
+        camera: Intrinsics,
+        size: [usize; 2],
+        highest_order: usize,
+        chosen: Chosen,
+    ) -> Result<Features<T>, BasisError> {
+        Moments::new(camera, size, highest_order, chosen.polynomials).map(Features::Moments)
+    }
+
+    /// The inner products of this pair; `chosen` is what the law says about moments, at this order.
+    ///
+    /// # Errors
+    /// A basis that cannot be.
+    pub(crate) fn gram(
+        &mut self,
+        chosen: Option<Chosen>,
+        order: usize,
+        sights: Sights<'_, T>,
+    ) -> Result<Gram, BasisError> {
+        match self {
+            Features::Moments(moments) => {
+                let chosen = chosen.expect("a law whose method is on moments chooses rows");
+                moments.gram(chosen.polynomials, order, [sights.current, sights.desired])
+            }
+        }
+    }
+
+    /// The moments of the last step; methods without moments have none to show.
+    pub(crate) fn rows(&self) -> impl Iterator<Item = FeatureRow> {
+        let Features::Moments(moments) = self;
+        moments.features()
+    }
+
+    /// What has been computed so far.
+    pub(crate) fn work(&self) -> Work {
+        let Features::Moments(moments) = self;
+        moments.work()
+    }
+}
