@@ -1,6 +1,7 @@
 //! One file per subcommand: its arguments (`…Args`) and `run`, which returns the exit code.
 
 pub mod demo;
+pub mod experiment;
 pub mod serve;
 pub mod sim;
 pub mod stop;

@@ -8,7 +8,11 @@ Exit codes:
   0  done; a run that servoed has converged
   1  an error, explained on standard error
   2  the command line was not understood
-  3  a run ended without converging";
+  3  a run ended without converging
+  130  interrupted; what was done is kept";
+
+/// 130, as shells say it: interrupted by a signal; what was done is kept.
+pub const INTERRUPTED: u8 = 130;
 
 /// 0: the command did what it was asked; a run converged.
 pub fn done() -> ExitCode {
@@ -23,6 +27,11 @@ pub fn failed() -> ExitCode {
 /// 3: the run came to its end, but not to the desired image.
 pub fn not_converged() -> ExitCode {
     ExitCode::from(3)
+}
+
+/// 130: interrupted.
+pub fn interrupted() -> ExitCode {
+    ExitCode::from(INTERRUPTED)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{ArgAction, CommandFactory, FromArgMatches, Parser, Subcommand};
-use domvs::commands::{demo, serve, sim, stop, task, twist};
+use domvs::commands::{demo, experiment, serve, sim, stop, task, twist};
 use domvs::exit;
 use domvs::explain::explained;
 use domvs::paint::{ColorWhen, Paint};
@@ -28,6 +28,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Demo(demo::DemoArgs),
+    Experiment(experiment::ExperimentArgs),
     Serve(serve::ServeArgs),
     Sim(sim::SimArgs),
     Task(task::TaskArgs),
@@ -44,6 +45,7 @@ fn main() -> ExitCode {
 
     let result = match cli.command {
         Command::Demo(args) => demo::run(&args, paint, paint_errors),
+        Command::Experiment(args) => experiment::run(&args, paint, paint_errors),
         Command::Serve(args) => serve::run(&args, paint),
         Command::Sim(args) => sim::run(&args, paint, paint_errors),
         Command::Task(args) => task::run(&args, paint, paint_errors),

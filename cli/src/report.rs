@@ -16,7 +16,7 @@ mod summary;
 pub use live::LiveLine;
 pub use pictures::RunImages;
 pub use record::{RunRecord, RunRow};
-pub use summary::{RunSummary, summary_table};
+pub use summary::{RunSummary, number, summary_table};
 
 use std::path::Path;
 

@@ -18,7 +18,7 @@ use domvs_proto::twist::TwistMessage;
 use domvs_simulators::{CameraSettings, PoseError, Rendering};
 use nalgebra::Isometry3;
 
-use self::lab::Lab;
+pub(crate) use self::lab::Lab;
 use crate::exit;
 use crate::options::{DepthSource, SceneOptions, ServoOptions};
 use crate::paint::{Paint, print_line};

@@ -89,7 +89,7 @@ fn verdict(run: &RunSummary) -> String {
 }
 
 /// Three digits after the point below 10, then fewer.
-pub(super) fn number(value: f64) -> String {
+pub fn number(value: f64) -> String {
     match value.abs() {
         _ if !value.is_finite() => "–".to_owned(),
         size if size < 10.0 => format!("{value:.3}"),

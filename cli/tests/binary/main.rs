@@ -3,5 +3,6 @@
 #![expect(clippy::unwrap_used, reason = "a test stops where something that must hold does not")]
 
 mod demo;
+mod experiment;
 mod network;
 mod twist;

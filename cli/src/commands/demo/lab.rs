@@ -8,16 +8,16 @@ use zenoh::Session;
 use crate::network::open_local_router;
 
 /// Everything but the camera.
-pub(super) struct Lab {
+pub(crate) struct Lab {
     router: Session,
     service: Service,
     /// Who owns the task.
-    pub(super) client: Client,
+    pub(crate) client: Client,
     endpoint: String,
 }
 
 impl Lab {
-    pub(super) async fn start() -> anyhow::Result<Lab> {
+    pub(crate) async fn start() -> anyhow::Result<Lab> {
         let (router, endpoint) = open_local_router().await?;
         let config = zenoh_config(None, std::slice::from_ref(&endpoint))?;
         let session = zenoh::open(config).await.map_err(anyhow::Error::from_boxed)?;
@@ -27,12 +27,12 @@ impl Lab {
     }
 
     /// How another session joins.
-    pub(super) fn config(&self) -> anyhow::Result<zenoh::Config> {
+    pub(crate) fn config(&self) -> anyhow::Result<zenoh::Config> {
         Ok(zenoh_config(None, std::slice::from_ref(&self.endpoint))?)
     }
 
     /// Ends everything in order; what does not end in order is logged.
-    pub(super) async fn stop(self) {
+    pub(crate) async fn stop(self) {
         if let Err(error) = self.client.close().await {
             tracing::warn!(%error, "the client");
         }

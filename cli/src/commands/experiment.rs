@@ -1,0 +1,142 @@
+//! `domvs experiment`: the paper's experiments and sweeps of one's own, in lock-step with a simulated camera.
+//! One file per verb; what they do is in [`crate::experiment`].
+
+mod list;
+mod run;
+mod sweep;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use clap::{Args, Subcommand};
+
+use crate::experiment::plan::Overrides;
+use crate::experiment::pool;
+use crate::experiment::service::{InProcess, Network, OverZenoh, Service};
+use crate::options::{SizeOption, positive};
+use crate::paint::Paint;
+
+/// Run the paper's experiments, and sweeps of your own
+///
+/// A run is a simulated camera that is displaced and servoed back: image, twist, move, next image. Speed limits are off, the step
+/// cap is on, half a step is taken per image. By default the service's own code is called in this process; with --over-zenoh the
+/// real service answers, with the same result.
+#[derive(Args, Clone, Debug)]
+pub struct ExperimentArgs {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand, Clone, Debug)]
+enum Verb {
+    List(list::ListArgs),
+    Run(run::RunArgs),
+    Sweep(sweep::SweepArgs),
+}
+
+/// What `run` and `sweep` take alike.
+#[derive(Args, Clone, Debug)]
+struct Common {
+    /// A name of `domvs experiment list`, or a TOML file
+    #[arg(value_name = "NAME|FILE")]
+    experiment: String,
+
+    /// Only these methods: names of the file's list, or HM, KM, TM, DCT, DVS, PGM10, PGM16, PGM60, default
+    #[arg(long = "method", value_name = "NAME", value_delimiter = ',')]
+    methods: Vec<String>,
+
+    /// Which share of the full step to take per image, for all methods
+    #[arg(long, value_name = "FRACTION", value_parser = positive)]
+    gain: Option<f64>,
+
+    /// Images of a run at most
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    images: Option<u32>,
+
+    /// Size of the images, pixels
+    #[arg(long, value_name = "WxH")]
+    size: Option<SizeOption>,
+
+    /// Seed of the first displacement and its noise; displacement k has the seed S + k
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+
+    /// A folder for the results [default: runs/experiments/NAME]
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+
+    /// Through a router and the real service, over TCP on the loopback
+    #[arg(long)]
+    over_zenoh: bool,
+
+    /// Print JSON: one object a line for every run, then one for every cell
+    #[arg(long)]
+    json: bool,
+
+    /// How many runs at once; the results do not depend on it [default: as many as there are cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: Option<u16>,
+}
+
+impl Common {
+    fn overrides(&self) -> Overrides {
+        Overrides {
+            methods: self.methods.clone(),
+            gain: self.gain,
+            images: self.images,
+            size: self.size.map(|size| [size.width, size.height]),
+            seed: self.seed,
+            displacements: None,
+        }
+    }
+
+    fn jobs(&self) -> usize {
+        self.jobs.map_or_else(pool::all_cores, usize::from)
+    }
+
+    fn out(&self, name: &str) -> PathBuf {
+        self.out.clone().unwrap_or_else(|| PathBuf::from("runs/experiments").join(slug(name)))
+    }
+
+    /// Makes the services that the worker threads ask.
+    fn services(&self) -> anyhow::Result<impl Fn() -> anyhow::Result<Box<dyn Service>> + Sync + use<>> {
+        let network = self.over_zenoh.then(Network::start).transpose()?.map(Arc::new);
+        Ok(move || -> anyhow::Result<Box<dyn Service>> {
+            match &network {
+                Some(network) => Ok(Box::new(OverZenoh::on(Arc::clone(network)))),
+                None => Ok(Box::new(InProcess::default())),
+            }
+        })
+    }
+}
+
+/// A name as a folder's: letters, digits, dots; the rest becomes a dash.
+fn slug(name: &str) -> String {
+    let keep = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c.to_ascii_lowercase() } else { '-' };
+    let dashed: String = name.chars().map(keep).collect();
+    dashed.split('-').filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-")
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// Fails when a name or a file is none, a world or a setting is impossible, or a folder cannot be written.
+pub fn run(args: &ExperimentArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<ExitCode> {
+    match &args.verb {
+        Verb::List(args) => list::run(args, paint),
+        Verb::Run(args) => run::run(args, paint, paint_errors),
+        Verb::Sweep(args) => sweep::run(args, paint, paint_errors),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_name_makes_a_folder_name() {
+        assert_eq!(slug("Case 1: σ² = 0.6"), "case-1-0.6");
+        assert_eq!(slug("HM l=3"), "hm-l-3");
+    }
+}

@@ -1,0 +1,310 @@
+//! From a file to the runs it asks for, in their order: scenes, disturbances, displacements, methods.
+//!
+//! Displacement `k` of a cell has the seed `seed + k`, whatever the method and the disturbance: methods are compared on the
+//! same starts and the same noise. So `run FILE --seed S` shows one of them again.
+
+use serde_json::{Value, json};
+
+use super::named;
+use super::spec::{Entry, Experiment, Table, Tolerance, Variant};
+
+/// What a run is counted under.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CellName {
+    /// The scene's name.
+    pub scene: String,
+    /// The disturbance's name; empty where the file has none.
+    pub disturbance: String,
+    /// The method's name.
+    pub method: String,
+}
+
+/// One run, with nothing left to look up.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunPlan {
+    /// The file's name.
+    pub experiment: String,
+    /// What it is counted under.
+    pub cell: CellName,
+    /// Of everything random in it.
+    pub seed: u64,
+    /// How long it is at most.
+    pub images: u32,
+    /// When it counts as converged.
+    pub tolerance: Tolerance,
+    /// `camera`, `scene`, `target`, `start`, `disturbance`.
+    pub world: Table,
+    /// Patches of the task settings, one after another.
+    pub settings: Vec<Table>,
+}
+
+/// What the command line says over the file.
+#[derive(Clone, Debug, Default)]
+pub struct Overrides {
+    /// Only these methods: of the file's list, or presets.
+    pub methods: Vec<String>,
+    /// The step fraction.
+    pub gain: Option<f64>,
+    /// Images of a run.
+    pub images: Option<u32>,
+    /// Width and height, pixels.
+    pub size: Option<[usize; 2]>,
+    /// The first seed.
+    pub seed: Option<u64>,
+    /// Starts of each cell.
+    pub displacements: Option<u32>,
+}
+
+/// What every run starts from: no limits, half a step per image, true depth. It stops at a hundredth of a millimetre, so that
+/// no run is cut off where the comparison begins.
+fn base_settings() -> Table {
+    let settings = json!({
+        "limits": "none",
+        "gain": { "step_fraction": 0.5 },
+        "depth": "map",
+        "stop": { "step_m": 1e-5, "step_rad": 1e-5, "hold_frames": 5 },
+    });
+    let Value::Object(settings) = settings else { unreachable!("an object was written") };
+    settings
+}
+
+impl Experiment {
+    /// The runs of this file.
+    ///
+    /// # Errors
+    /// Fails on a method or a scene that nobody knows.
+    pub fn plan(&self, over: &Overrides) -> anyhow::Result<Vec<RunPlan>> {
+        let methods = self.methods_of(&over.methods)?;
+        let scenes = self.scene_variants();
+        let calm = [Variant::default()];
+        let disturbances = if self.disturbances.is_empty() { &calm } else { self.disturbances.as_slice() };
+        let first_seed = over.seed.unwrap_or(self.seed);
+        let count = over.displacements.unwrap_or(self.displacements);
+        let mut runs = Vec::new();
+        for scene in &scenes {
+            for disturbance in disturbances {
+                for displacement in 0..u64::from(count) {
+                    for method in &methods {
+                        let seed = first_seed.wrapping_add(displacement);
+                        runs.push(self.run(scene, disturbance, method, seed, over));
+                    }
+                }
+            }
+        }
+        Ok(runs)
+    }
+
+    /// The names of its methods.
+    ///
+    /// # Errors
+    /// Fails on a method that nobody knows.
+    pub fn method_names(&self) -> anyhow::Result<Vec<String>> {
+        Ok(self.methods_of(&[])?.into_iter().map(|method| method.name).collect())
+    }
+
+    fn methods_of(&self, only: &[String]) -> anyhow::Result<Vec<Variant>> {
+        let resolve = |entry: &Entry| match entry {
+            Entry::Named(name) => named::method(name),
+            Entry::Inline(variant) => Ok((**variant).clone()),
+        };
+        let own = self.methods.iter().map(resolve).collect::<anyhow::Result<Vec<_>>>()?;
+        let chosen = |name: &String| {
+            let known = own.iter().find(|method| method.name.eq_ignore_ascii_case(name));
+            known.cloned().map_or_else(|| named::method(name), Ok)
+        };
+        match (only.is_empty(), own.is_empty()) {
+            (false, _) => only.iter().map(chosen).collect(),
+            (true, false) => Ok(own),
+            (true, true) => Ok(vec![named::method("default")?]),
+        }
+    }
+
+    fn scene_variants(&self) -> Vec<Variant> {
+        let resolve = |entry: &Entry| match entry {
+            Entry::Named(name) => {
+                let scene = Table::from_iter([("named".to_owned(), Value::from(name.as_str()))]);
+                Variant { name: name.clone(), scene: Some(scene), ..Variant::default() }
+            }
+            Entry::Inline(variant) => (**variant).clone(),
+        };
+        if self.scenes.is_empty() {
+            let named = self.scene.as_ref().and_then(|scene| scene.get("named")).and_then(Value::as_str);
+            return vec![Variant { name: named.unwrap_or(&self.name).to_owned(), ..Variant::default() }];
+        }
+        self.scenes.iter().map(resolve).collect()
+    }
+
+    fn run(&self, scene: &Variant, disturbance: &Variant, method: &Variant, seed: u64, over: &Overrides) -> RunPlan {
+        let variants = [scene, method, disturbance];
+        let mut world = Table::new();
+        let own = [
+            ("camera", &self.camera),
+            ("scene", &self.scene),
+            ("target", &self.target),
+            ("start", &self.start),
+            ("disturbance", &self.disturbance),
+        ];
+        for (key, table) in own {
+            world.extend(table.clone().map(|table| (key.to_owned(), Value::Object(table))));
+        }
+        for variant in variants {
+            lay_over(&mut world, variant);
+        }
+        if let Some([width, height]) = over.size {
+            let size = Table::from_iter([("width".to_owned(), width.into()), ("height".to_owned(), height.into())]);
+            merge_keys(&mut world, "camera", &size);
+        }
+        let mut settings = vec![base_settings(), self.settings.clone()];
+        settings.extend(variants.map(|variant| variant.settings.clone()));
+        if let Some(gain) = over.gain {
+            let gain = json!({ "step_fraction": gain });
+            settings.push(Table::from_iter([("gain".to_owned(), gain)]));
+        }
+        settings.retain(|layer| !layer.is_empty());
+        let images = variants.into_iter().filter_map(|variant| variant.images).next_back().unwrap_or(self.images);
+        let tolerance = variants.into_iter().filter_map(|variant| variant.tolerance).next_back();
+        RunPlan {
+            experiment: self.name.clone(),
+            cell: CellName {
+                scene: scene.name.clone(),
+                disturbance: disturbance.name.clone(),
+                method: method.name.clone(),
+            },
+            seed,
+            images: over.images.unwrap_or(images),
+            tolerance: tolerance.unwrap_or(self.tolerance),
+            world,
+            settings,
+        }
+    }
+}
+
+/// Puts what a variant says of the world over what is there.
+fn lay_over(world: &mut Table, variant: &Variant) {
+    for (key, table) in [("scene", &variant.scene), ("target", &variant.target), ("start", &variant.start)] {
+        world.extend(table.clone().map(|table| (key.to_owned(), Value::Object(table))));
+    }
+    for (key, table) in [("camera", &variant.camera), ("disturbance", &variant.disturbance)] {
+        if let Some(table) = table {
+            merge_keys(world, key, table);
+        }
+    }
+}
+
+fn merge_keys(world: &mut Table, key: &str, table: &Table) {
+    match world.get_mut(key) {
+        Some(Value::Object(there)) => there.extend(table.clone()),
+        _ => {
+            world.insert(key.to_owned(), Value::Object(table.clone()));
+        }
+    }
+}
+
+impl RunPlan {
+    /// 16 hexadecimal digits that change with anything that could change the result: the plan and the program's version.
+    pub fn key(&self) -> String {
+        let CellName { scene, disturbance, method } = &self.cell;
+        let plan = json!([
+            env!("CARGO_PKG_VERSION"),
+            self.experiment,
+            [scene, disturbance, method],
+            self.seed,
+            self.images,
+            self.tolerance,
+            self.world,
+            self.settings,
+        ]);
+        format!("{:016x}", fnv1a(plan.to_string().as_bytes()))
+    }
+}
+
+/// The 64-bit hash FNV-1a, <http://www.isthe.com/chongo/tech/comp/fnv/>: the same with every compiler, which files outlive.
+fn fnv1a(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TWO_BY_TWO: &str = r#"
+        name = "grid"
+        seed = 100
+        displacements = 3
+        methods = ["HM", { name = "three", settings = { order = 3 } }]
+        scenes = ["coffee", { name = "far", start = { random = { scale = 1.5 } }, images = 40 }]
+        [camera]
+        width = 64
+        [start]
+        displacement = [0, 0, 0, 0, 0, 0]
+        [disturbance]
+        noise_variance = 0.1
+        [[disturbances]]
+        name = "dark"
+        disturbance = { gain = 0.7 }
+        tolerance = { error_mm = 100, error_deg = 6 }
+    "#;
+
+    fn plan(over: &Overrides) -> Vec<RunPlan> {
+        Experiment::parse(TWO_BY_TWO).expect("a file").plan(over).expect("known names")
+    }
+
+    #[test]
+    fn every_combination_has_its_runs_and_methods_share_their_seeds() {
+        let runs = plan(&Overrides::default());
+        assert_eq!(runs.len(), 2 * 2 * 3);
+        let seeds = |method: &str| -> Vec<u64> {
+            runs.iter().filter(|run| run.cell.method == method && run.cell.scene == "far").map(|run| run.seed).collect()
+        };
+        assert_eq!(seeds("HM"), [100, 101, 102]);
+        assert_eq!(seeds("HM"), seeds("three"));
+    }
+
+    #[test]
+    fn a_variant_replaces_the_start_and_adds_to_the_disturbance() {
+        let runs = plan(&Overrides::default());
+        let far = runs.iter().find(|run| run.cell.scene == "far").expect("far");
+        assert_eq!(far.world["start"], json!({ "random": { "scale": 1.5 } }));
+        assert_eq!(far.world["disturbance"], json!({ "noise_variance": 0.1, "gain": 0.7 }));
+        assert_eq!((far.images, far.tolerance.error_mm), (40, 100.0));
+        assert_eq!(runs[0].world["scene"], json!({ "named": "coffee" }));
+        assert_eq!(runs[0].images, 60);
+    }
+
+    #[test]
+    fn the_command_line_has_the_last_word() {
+        let over = Overrides {
+            methods: vec!["three".into(), "tm".into()],
+            gain: Some(0.2),
+            images: Some(5),
+            size: Some([32, 24]),
+            seed: Some(7),
+            displacements: Some(1),
+        };
+        let runs = plan(&over);
+        assert_eq!(runs.iter().map(|run| run.cell.method.as_str()).collect::<Vec<_>>(), ["three", "TM", "three", "TM"]);
+        assert!(runs.iter().all(|run| run.images == 5 && run.seed == 7));
+        assert_eq!(runs[0].world["camera"], json!({ "width": 32, "height": 24 }));
+        assert_eq!(runs[0].settings.last().expect("layers")["gain"], json!({ "step_fraction": 0.2 }));
+    }
+
+    #[test]
+    fn the_key_changes_with_whatever_changes_the_result() {
+        let run = plan(&Overrides::default()).remove(0);
+        let mut other = run.clone();
+        assert_eq!(run.key(), other.key());
+        other.seed += 1;
+        assert_ne!(run.key(), other.key());
+        let mut other = run.clone();
+        other.settings.push(Table::from_iter([("order".to_owned(), Value::from(5))]));
+        assert_ne!(run.key(), other.key());
+    }
+
+    /// The published test vectors of FNV-1a, 64 bit.
+    #[test]
+    fn the_hash_is_the_published_one() {
+        assert_eq!(fnv1a(b""), 0xcbf2_9ce4_8422_2325);
+        assert_eq!(fnv1a(b"a"), 0xaf63_dc4c_8601_ec8c);
+        assert_eq!(fnv1a(b"foobar"), 0x8594_4171_f739_67e8);
+    }
+}
