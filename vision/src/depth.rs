@@ -1,6 +1,6 @@
 //! How far the scene is: one constant, or a map with its holes filled.
 //!
-//! The law divides by depth only, so a map keeps the inverse, `ζ = 1/Z`, and no later step can meet a hole.
+//! The law divides by depth only, so a map keeps the inverse, `ζ = 1/Z`, and no later step can meet a hole; it remembers where they were.
 
 use crate::image::Plane;
 use crate::sample::Sample;
@@ -22,6 +22,7 @@ pub enum Depth<T> {
 pub struct DepthMap<T> {
     inverse_per_m: Plane<T>,
     known_m: Vec<T>,
+    holes: Vec<bool>,
     unknown: usize,
 }
 
@@ -60,6 +61,16 @@ pub enum DepthError {
     },
 }
 
+impl<T: Sample> Depth<T> {
+    /// Which pixels of a map were holes; `None` if there are none.
+    pub(crate) fn holes(&self) -> Option<&[bool]> {
+        match self {
+            Depth::Map(map) if map.unknown > 0 => Some(&map.holes),
+            Depth::Constant { .. } | Depth::Map(_) => None,
+        }
+    }
+}
+
 impl<T: Sample> DepthMap<T> {
     /// A map from depths in metres; holes (0, negative, not finite, or so small that the inverse overflows) are filled.
     ///
@@ -70,6 +81,7 @@ impl<T: Sample> DepthMap<T> {
         let mut map = DepthMap {
             inverse_per_m: Plane::filled(width, height, T::ZERO),
             known_m: Vec::with_capacity(width * height),
+            holes: vec![false; width * height],
             unknown: 0,
         };
         map.set_metres(depth_m, fill)?;
@@ -88,8 +100,10 @@ impl<T: Sample> DepthMap<T> {
         let unknown = depth_m.samples().iter().filter(|z| !is_known(**z)).count();
         let fill_per_m = if unknown == 0 { T::ZERO } else { T::from_f64(1.0 / self.fill_depth(depth_m, fill)?) };
         let one = T::from_f64(1.0);
-        for (inverse, z) in self.inverse_per_m.samples_mut().iter_mut().zip(depth_m.samples()) {
-            *inverse = if is_known(*z) { one / *z } else { fill_per_m };
+        let filled = self.inverse_per_m.samples_mut().iter_mut().zip(&mut self.holes);
+        for ((inverse, is_hole), z) in filled.zip(depth_m.samples()) {
+            *is_hole = !is_known(*z);
+            *inverse = if *is_hole { fill_per_m } else { one / *z };
         }
         self.unknown = unknown;
         Ok(())
@@ -98,6 +112,11 @@ impl<T: Sample> DepthMap<T> {
     /// How many pixels were holes before they were filled.
     pub fn unknown(&self) -> usize {
         self.unknown
+    }
+
+    /// Whether each pixel was a hole before it was filled, row by row.
+    pub fn holes(&self) -> &[bool] {
+        &self.holes
     }
 
     /// `1/Z` in 1/m, every pixel positive and finite.
@@ -142,6 +161,7 @@ mod tests {
     fn holes_get_the_median_and_are_counted() {
         let map = DepthMap::from_metres(&holed(), HoleFill::Median).expect("three are known");
         assert_eq!(map.unknown(), 5);
+        assert_eq!(map.holes(), [false, true, true, true, true, true, false, false]);
         let expected = [0.5, 0.25, 0.25, 0.25, 0.25, 0.25, 0.25, 0.125];
         assert_eq!(map.inverse_per_m().samples(), &expected);
     }

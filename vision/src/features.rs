@@ -6,7 +6,7 @@ use crate::depth::Depth;
 use crate::family::Chosen;
 use crate::gram::Gram;
 use crate::image::Plane;
-use crate::moments::{FeatureRow, Moments, Work};
+use crate::moments::{Extras, FeatureRow, Moments, Work};
 use crate::sample::Sample;
 
 /// An image and its depth.
@@ -17,6 +17,8 @@ pub(crate) type Sight<'a, T> = (&'a Plane<T>, &'a Depth<T>);
 pub(crate) struct Sights<'a, T> {
     pub current: Sight<'a, T>,
     pub desired: Sight<'a, T>,
+    /// `None` weighs every pixel fully.
+    pub weight: Option<&'a Plane<T>>,
 }
 
 /// The buffers of the method in use.
@@ -36,8 +38,9 @@ impl<T: Sample> Features<T> {
         size: [usize; 2],
         highest_order: usize,
         chosen: Chosen,
+        extras: Extras,
     ) -> Result<Features<T>, BasisError> {
-        Moments::new(camera, size, highest_order, chosen.polynomials).map(Features::Moments)
+        Moments::new(camera, size, highest_order, chosen.polynomials, extras).map(Features::Moments)
     }
 
     /// The inner products of this pair; `chosen` is what the law says about moments, at this order.
@@ -53,9 +56,21 @@ impl<T: Sample> Features<T> {
         match self {
             Features::Moments(moments) => {
                 let chosen = chosen.expect("a law whose method is on moments chooses rows");
-                moments.gram(chosen.polynomials, order, [sights.current, sights.desired])
+                moments.gram(chosen.polynomials, order, sights)
             }
         }
+    }
+
+    /// What is kept of the desired view has other weights now.
+    pub(crate) fn forget_desired(&mut self) {
+        let Features::Moments(moments) = self;
+        moments.forget_desired();
+    }
+
+    /// `e - C h` and the current view's own `L(I, Z)` of the last step.
+    pub(crate) fn own_rows(&self, light: [f64; 6]) -> impl Iterator<Item = FeatureRow> {
+        let Features::Moments(moments) = self;
+        moments.own_rows(light)
     }
 
     /// The moments of the last step; methods without moments have none to show.

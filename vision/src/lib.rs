@@ -1,8 +1,8 @@
 //! Direct visual servoing on discrete orthogonal moments: two images in, one camera twist out.
 //!
 //! Nothing here reads a file, a clock or a network. The files follow the data:
-//! `sample → image → camera → depth → twist → law → window → family → order → basis → projection → interaction →
-//! sweep → moments → features → gram → light → control → servo`.
+//! `sample → image → camera → depth → twist → law → weights → noise → pixel error → window → family → order → basis → projection → interaction →
+//! sweep → moments → features → gram → light → control → depth scale → servo`.
 //! [`Servo::step`] is the one function that calls the steps from top to bottom; start reading there.
 //! `docs/paper.md` maps the paper's equations to these files, its letters to these words, and numbers
 //! every place where the code leaves the paper (D1, D2, …) or the paper errs (E1, E2, …).
@@ -36,6 +36,12 @@ mod twist;
 
 mod law;
 
+mod weights;
+
+mod noise;
+
+mod pixel_error;
+
 pub mod window;
 
 pub mod family;
@@ -60,6 +66,8 @@ mod light;
 
 pub mod control;
 
+mod depth_scale;
+
 mod servo;
 
 pub use camera::{CameraError, Intrinsics};
@@ -74,4 +82,5 @@ pub use order::{OrderError, OrderRule};
 pub use sample::Sample;
 pub use servo::{Servo, ServoError, Step, View};
 pub use twist::Twist;
+pub use weights::{MaskError, SMALLEST_SHARE};
 pub use window::WindowInUse;

@@ -5,14 +5,13 @@
 
 use crate::basis::{Basis, BasisError};
 use crate::camera::Intrinsics;
-use crate::depth::Depth;
 use crate::family::Polynomial;
+use crate::features::Sights;
 use crate::gram::Gram;
-use crate::image::Plane;
 use crate::order::feature_count;
 use crate::projection::Carriers;
 use crate::sample::Sample;
-use crate::sweep::{FeatureTable, Sweep};
+use crate::sweep::{ERROR_AND_INTERACTION, FeatureTable, LIGHT, Sweep};
 
 /// One feature of the last step: its error `e_nm` and its row of `L̂`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,9 +48,23 @@ pub(crate) struct Moments<T> {
     /// Whether `desired` is of these bases.
     desired_is_made: bool,
     highest_order: usize,
-    desired: FeatureTable,
-    current: FeatureTable,
+    /// The current view is swept up to this order even if the features end before.
+    least_swept: usize,
+    order: usize,
+    desired: FeatureTable<ERROR_AND_INTERACTION>,
+    current: FeatureTable<ERROR_AND_INTERACTION>,
+    /// `C`, if the law estimates light.
+    light: Option<FeatureTable<LIGHT>>,
     work: Work,
+}
+
+/// What a law needs of moments besides its features.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Extras {
+    /// Columns of light.
+    pub light: bool,
+    /// The current view's own rows, at least up to this order.
+    pub least_swept: usize,
 }
 
 impl<T: Sample> Moments<T> {
@@ -64,6 +77,7 @@ impl<T: Sample> Moments<T> {
         [width, height]: [usize; 2],
         highest_order: usize,
         [along_u, along_v]: [Polynomial; 2],
+        extras: Extras,
     ) -> Result<Moments<T>, BasisError> {
         let basis_u = Basis::new(width, Carriers::<T>::basis_rows(highest_order), along_u)?;
         let basis_v = Basis::new(height, highest_order + 1, along_v)?;
@@ -74,8 +88,11 @@ impl<T: Sample> Moments<T> {
             made: [Some(along_u), Some(along_v)],
             desired_is_made: false,
             highest_order,
+            least_swept: extras.least_swept,
+            order: 0,
             desired: FeatureTable::new(highest_order),
             current: FeatureTable::new(highest_order),
+            light: extras.light.then(|| FeatureTable::new(highest_order)),
             work: Work { bases: 2, ..Work::default() },
         })
     }
@@ -88,26 +105,59 @@ impl<T: Sample> Moments<T> {
         &mut self,
         polynomials: [Polynomial; 2],
         order: usize,
-        [current, desired]: [(&Plane<T>, &Depth<T>); 2],
+        sights: Sights<'_, T>,
     ) -> Result<Gram, BasisError> {
         self.use_bases(polynomials)?;
         if !self.desired_is_made {
-            self.sweep.add_up(desired, None, &self.basis_v, self.highest_order, &mut self.desired);
-            self.work.desired_sweeps += 1;
-            self.desired_is_made = true;
+            self.sweep_desired(sights);
         }
-        self.sweep.add_up(current, Some(desired.0), &self.basis_v, order, &mut self.current);
+        let (desired, weight, swept) = (Some(sights.desired.0), sights.weight, order.max(self.least_swept));
+        self.sweep.add_up(sights.current, desired, weight, &self.basis_v, swept, &mut self.current);
         self.work.current_sweeps += 1;
         self.current.take_mean_interaction(&self.desired);
+        self.order = order;
+
         let mut gram = Gram::new();
-        self.features().for_each(|feature| gram.add(&feature.interaction, feature.error));
+        match &self.light {
+            None => self.features().for_each(|row| gram.add(&row.interaction, row.error)),
+            Some(light) => {
+                self.features().for_each(|row| gram.add_with_light(&row.interaction, light.at(row.n, row.m), row.error))
+            }
+        }
         debug_assert_eq!(gram.features, feature_count(order));
         Ok(gram)
     }
 
     /// The features of the last step, `n` outside, `m` inside.
     pub(crate) fn features(&self) -> impl Iterator<Item = FeatureRow> {
-        self.current.rows()
+        self.current.rows(self.order)
+    }
+
+    /// `e - C h` and the current view's own `L(I, Z)` of the last step, up to the order that was swept.
+    pub(crate) fn own_rows(&self, light: [f64; 6]) -> impl Iterator<Item = FeatureRow> {
+        self.current.rows(self.current.order()).map(move |row| {
+            let [_, desired @ ..] = self.desired.at(row.n, row.m);
+            let lit = self.light.as_ref().map_or(0.0, |columns| {
+                columns.at(row.n, row.m).iter().zip(light).map(|(column, light)| column * light).sum()
+            });
+            // The mean holds both: what is left of twice the mean is the current view's own.
+            let interaction = std::array::from_fn(|k| 2.0 * row.interaction[k] - desired[k]);
+            FeatureRow { error: row.error - lit, interaction, ..row }
+        })
+    }
+
+    /// The desired view has to be swept again: its weights are others.
+    pub(crate) fn forget_desired(&mut self) {
+        self.desired_is_made = false;
+    }
+
+    fn sweep_desired(&mut self, Sights { desired, weight, .. }: Sights<'_, T>) {
+        self.sweep.add_up(desired, None, weight, &self.basis_v, self.highest_order, &mut self.desired);
+        if let Some(light) = &mut self.light {
+            self.sweep.add_up_light(desired.0, weight, &self.basis_v, self.highest_order, light);
+        }
+        self.work.desired_sweeps += 1;
+        self.desired_is_made = true;
     }
 
     pub(crate) fn work(&self) -> Work {

@@ -64,6 +64,11 @@ impl OrderRule {
         OrderRule::new(order, order, OrderRule::default().epsilon)
     }
 
+    /// The same rule with no order below `lowest`.
+    pub(crate) fn at_least(self, lowest: usize) -> OrderRule {
+        OrderRule { min: self.min.max(lowest), max: self.max.max(lowest), ..self }
+    }
+
     /// Lowest order.
     pub fn min(&self) -> usize {
         self.min

@@ -6,14 +6,20 @@ use crate::basis::{BasisError, LENGTHS};
 use crate::camera::Intrinsics;
 use crate::control::cap_step;
 use crate::depth::Depth;
+use crate::depth_scale::{self, DepthScaleEstimate};
 use crate::family::{self, Chosen, Method};
 use crate::features::{Features, Sights};
 use crate::gram::Gram;
 use crate::image::Plane;
-use crate::law::{DepthScale, Gain, Holes, Law, LawError, NoiseFloor};
-use crate::moments::{FeatureRow, Work};
+use crate::law::{DepthScale, Gain, Law, LawError, LightPrior, NoiseFloor};
+use crate::light::{self, light_alone, separate};
+use crate::moments::{Extras, FeatureRow, Work};
+use crate::noise;
+use crate::order::OrderRule;
+use crate::pixel_error::pixel_mse;
 use crate::sample::Sample;
 use crate::twist::Twist;
+use crate::weights::{MaskError, Weights};
 use crate::window::{Brightness, NoBrightness, WindowInUse};
 
 /// What a camera sees: an image in `[0, 1]`, and how far it is.
@@ -33,7 +39,12 @@ pub struct Servo<T> {
     desired_depth: Depth<T>,
     desired_brightness: Brightness,
     current_brightness: Brightness,
+    weights: Weights<T>,
+    desired_noise: f64,
     initial_mse: Option<f64>,
+    /// The light that the last step found.
+    light: Option<[f64; 6]>,
+    depth_scale: Option<DepthScaleEstimate>,
     moved: Option<[f64; 6]>,
     features: Features<T>,
 }
@@ -55,7 +66,7 @@ pub struct Step {
     pub features: usize,
     /// The parameters of the bases.
     pub window: WindowInUse,
-    /// Mean of `(I - I*)²`.
+    /// Mean of `(I - I*)²` over the pixels with weight; with light columns, of what the light that was known before leaves of it.
     pub pixel_mse: f64,
     /// `e·e`.
     pub feature_error_squared: f64,
@@ -128,11 +139,17 @@ pub enum ServoError {
     /// The window leaves no orthonormal basis.
     #[error(transparent)]
     Basis(#[from] BasisError),
-    /// A part of the law that this version does not serve.
-    #[error("this version does not serve {what}")]
+    /// A mask, or the pixels that are left.
+    #[error(transparent)]
+    Mask(#[from] MaskError),
+    /// A depth scale is estimated for constant depths only.
+    #[error("a depth scale is estimated for a constant depth, got a depth map")]
+    DepthScaleOfMap,
+    /// A method that this version does not serve.
+    #[error("this version does not serve the method {}", method.word())]
     NotServed {
-        /// The method or option.
-        what: &'static str,
+        /// As asked for.
+        method: Method,
     },
 }
 
@@ -143,22 +160,26 @@ impl<T: Sample> Servo<T> {
     /// A law, size, order or depth out of range, or a desired image that is not finite or (for an adaptive window) black.
     pub fn new(law: Law, camera: Intrinsics, desired: View<'_, T>) -> Result<Servo<T>, ServoError> {
         law.check()?;
-        check_served(&law)?;
         let size = desired.image.size();
         if !size.iter().all(|side| LENGTHS.contains(side)) {
             return Err(ServoError::SizeOutOfRange { got: size });
         }
-        let (highest, got) = (size[0].min(size[1]) - 3, law.order.max());
+        let (highest, got) = (size[0].min(size[1]) - 3, order_rule(&law).max());
         if got > highest {
             return Err(ServoError::OrderTooHigh { highest, got, size });
         }
-        check_view(desired, size)?;
-        mean_square_difference(desired.image, desired.image)?;
-        let brightness = Brightness::of(desired.image);
+        check_view(desired, size, &law)?;
+        finite(pixel_mse(desired.image, desired.image, None, None))?;
+        let mut weights = Weights::new(size, law.holes);
+        weights.update([desired.depth; 2])?;
+        let mut brightness = Brightness::of(desired.image);
+        brightness.set(desired.image, weights.plane());
         let chosen = family::choose(&law, &brightness, &brightness)?;
         let features = match chosen {
-            Some(chosen) => Features::moments(camera, size, law.order.max(), chosen)?,
-            None => return Err(not_served("this method")),
+            Some(chosen) => {
+                Features::moments(camera, size, highest_swept(&law, highest), chosen, extras(&law, highest))?
+            }
+            None => return Err(ServoError::NotServed { method: law.method }),
         };
         Ok(Servo {
             law,
@@ -166,7 +187,11 @@ impl<T: Sample> Servo<T> {
             desired_depth: desired.depth.clone(),
             current_brightness: brightness.clone(),
             desired_brightness: brightness,
+            desired_noise: noise_floor(&law, desired.image, weights.plane()),
+            weights,
             initial_mse: None,
+            light: None,
+            depth_scale: (law.depth_scale == DepthScale::Estimated).then(DepthScaleEstimate::new),
             moved: None,
             features,
         })
@@ -175,32 +200,39 @@ impl<T: Sample> Servo<T> {
     /// The twist that brings `current` nearer to the desired view. After an error the servo is as if it had not been called.
     ///
     /// # Errors
-    /// A size or depth that does not fit, pixels that are not finite, or (for an adaptive window) a black image.
+    /// A size or depth that does not fit, pixels that are not finite, too few pixels with weight, or (for an adaptive window) a black image.
     pub fn step(&mut self, current: View<'_, T>) -> Result<Step, ServoError> {
-        check_view(current, self.desired_image.size())?;
-        let pixel_mse = mean_square_difference(current.image, &self.desired_image)?;
-
+        check_view(current, self.desired_image.size(), &self.law)?;
+        self.weigh(current.depth)?;
         let chosen = self.choose_rows(current.image)?;
-        let initial_mse = self.initial_mse.unwrap_or(pixel_mse);
-        let order = self.law.order.order(pixel_mse, initial_mse);
+        let light_before = self.light_before(current, chosen)?;
 
-        let equations = self.gram(current, chosen, order)?.normal_equations();
+        let pixel_mse = self.pixel_mse(current.image, light_before)?;
+        let order_mse = self.order_mse(pixel_mse, current.image);
+        let initial_mse = self.initial_mse.unwrap_or_else(|| self.initial(order_mse));
+        let order = order_rule(&self.law).order(order_mse, initial_mse);
+
+        let gram = self.gram(current, chosen, order)?;
+        let free = self.law.degrees_of_freedom;
+        let separated = self.law.light.map(|prior| separate(&gram, &prior, self.light.unwrap_or_default(), free));
+        let equations = separated.map_or_else(|| gram.normal_equations(), |separated| separated.equations);
         if !equations.is_finite() {
             return Err(ServoError::ImageNotFinite);
         }
 
-        let free = self.law.degrees_of_freedom;
         let solution = equations.solve(free);
         let rank_deficient = solution.rank < free.iter().filter(|free| **free).count();
-        let (capped, step_capped) = cap_step(solution.gauss_newton, self.law.step_cap);
+        let light = separated.map(|separated| separated.light(solution.gauss_newton));
+        let depth_scale = self.update_depth_scale(order, light);
+        let gauss_newton = at_scale(solution.gauss_newton, depth_scale);
+        let (capped, step_capped) = cap_step(gauss_newton, self.law.step_cap);
         let gain_per_s = self.law.gain.per_second(pixel_mse);
         let twist = if rank_deficient { Twist::ZERO } else { Twist::from_array(capped).scaled(gain_per_s) };
 
-        self.initial_mse = Some(initial_mse);
-        self.moved = None;
+        (self.initial_mse, self.light, self.moved) = (Some(initial_mse), light, None);
         Ok(Step {
             twist,
-            gauss_newton: solution.gauss_newton,
+            gauss_newton,
             step_capped,
             gain_per_s,
             order,
@@ -211,46 +243,57 @@ impl<T: Sample> Servo<T> {
             condition_number: solution.condition_number,
             rank: solution.rank,
             rank_deficient,
-            light: None,
-            depth_scale: 1.0,
-            used_fraction: 1.0,
+            light,
+            depth_scale,
+            used_fraction: self.weights.share(),
         })
     }
 
     /// Takes weights in `[0, 1]`, one per pixel of the desired image, from the next step on: they multiply `I - I*` and all six
-    /// planes of `L_I` of both images. `None` counts every pixel fully.
+    /// planes of `L_I` of both images. A pixel beside one without weight has none either. `None` counts every pixel fully.
     ///
     /// # Errors
-    /// Another size, a weight outside `[0, 1]`, or a share of pixels with weight too small to servo by; the servo then keeps the mask it had.
+    /// Another size, a weight outside `[0, 1]`, or too few pixels with weight; the servo then keeps the mask it had.
     pub fn set_mask(&mut self, mask: Option<&Plane<T>>) -> Result<(), ServoError> {
-        match mask {
-            None => Ok(()),
-            Some(mask) => {
-                check_size(mask, self.desired_image.size())?;
-                Err(ServoError::NotServed { what: "a mask" })
-            }
+        if let Some(mask) = mask {
+            check_size(mask, self.desired_image.size())?;
         }
-    }
-
-    /// What the camera was really told to do since the last step: twist times seconds, metres and radians, camera frame. The
-    /// depth-scale estimate learns from it; without it the next step leaves the estimate as it was.
-    pub fn moved(&mut self, displacement: [f64; 6]) {
-        self.moved = Some(displacement);
-    }
-
-    /// Sets the initial image `I°` of the order rule; otherwise it is the image of the first step.
-    ///
-    /// # Errors
-    /// Another size, or pixels that are not finite.
-    pub fn set_initial(&mut self, image: &Plane<T>) -> Result<(), ServoError> {
-        check_size(image, self.desired_image.size())?;
-        self.initial_mse = Some(mean_square_difference(image, &self.desired_image)?);
+        self.weights.set_mask(mask)?;
         Ok(())
     }
 
-    /// Forgets `I°`: the next step's image takes its place.
+    /// What the camera was really told to do: twist times seconds, metres and radians, camera frame. Calls since the last
+    /// successful step add up. The depth-scale estimate learns from it; without it the next step leaves the estimate as it was.
+    pub fn moved(&mut self, displacement: [f64; 6]) {
+        let before = self.moved.unwrap_or_default();
+        self.moved = Some(std::array::from_fn(|i| before[i] + displacement[i]));
+    }
+
+    /// Sets the initial image `I°` of the order rule; otherwise it is the image of the first step. Its error is taken under the
+    /// mask of now and, with light columns, as the light that alone explains it best leaves it.
+    ///
+    /// # Errors
+    /// Another size, pixels that are not finite, or (for an adaptive window and light) a black image.
+    pub fn set_initial(&mut self, image: &Plane<T>) -> Result<(), ServoError> {
+        check_size(image, self.desired_image.size())?;
+        let depth = self.desired_depth.clone();
+        self.weigh(&depth)?;
+        let light = match self.law.light {
+            Some(prior) => {
+                let chosen = self.choose_rows(image)?;
+                Some(self.guess_light(View { image, depth: &depth }, chosen, &prior)?)
+            }
+            None => None,
+        };
+        let pixel_mse = self.pixel_mse(image, light)?;
+        self.initial_mse = Some(self.initial(self.order_mse(pixel_mse, image)));
+        Ok(())
+    }
+
+    /// Forgets what earlier images told: `I°`, whose place the next step's image takes, the light and the depth scale.
     pub fn restart(&mut self) {
-        self.initial_mse = None;
+        (self.initial_mse, self.light, self.moved) = (None, None, None);
+        self.depth_scale = self.depth_scale.take().map(|_| DepthScaleEstimate::new());
     }
 
     /// Takes another gain from the next step on; everything else stays.
@@ -279,42 +322,126 @@ impl<T: Sample> Servo<T> {
         self.features.work()
     }
 
+    /// Makes the weights for a current view of this depth, and drops what was made of the desired view under others.
+    fn weigh(&mut self, current: &Depth<T>) -> Result<(), MaskError> {
+        if !self.weights.update([current, &self.desired_depth])? {
+            return Ok(());
+        }
+        let weight = self.weights.plane();
+        self.features.forget_desired();
+        self.desired_brightness.set(&self.desired_image, weight);
+        self.desired_noise = noise_floor(&self.law, &self.desired_image, weight);
+        if let Some(estimate) = &mut self.depth_scale {
+            estimate.forget_frames();
+        }
+        Ok(())
+    }
+
     fn choose_rows(&mut self, current: &Plane<T>) -> Result<Option<Chosen>, NoBrightness> {
         if family::follows_images(&self.law) {
-            self.current_brightness.set(current);
+            self.current_brightness.set(current, self.weights.plane());
         }
         family::choose(&self.law, &self.current_brightness, &self.desired_brightness)
     }
 
+    /// The light that is known before this step: that of the last one, or on a first step the one that alone explains the pair best.
+    fn light_before(&mut self, current: View<'_, T>, chosen: Option<Chosen>) -> Result<Option<[f64; 6]>, ServoError> {
+        match (self.law.light, self.light) {
+            (Some(prior), None) => self.guess_light(current, chosen, &prior).map(Some),
+            (_, known) => Ok(known),
+        }
+    }
+
+    fn guess_light(
+        &mut self,
+        current: View<'_, T>,
+        chosen: Option<Chosen>,
+        prior: &LightPrior,
+    ) -> Result<[f64; 6], ServoError> {
+        let order = light::FIRST_GUESS_ORDER.min(order_rule(&self.law).max());
+        let gram = self.gram(current, chosen, order)?;
+        if !gram.normal_equations().is_finite() {
+            return Err(ServoError::ImageNotFinite);
+        }
+        Ok(light_alone(&gram, prior))
+    }
+
+    fn pixel_mse(&self, image: &Plane<T>, light: Option<[f64; 6]>) -> Result<f64, ServoError> {
+        finite(pixel_mse(image, &self.desired_image, self.weights.plane(), light))
+    }
+
+    /// What the order rule sees of the pixel error: without the images' noise, if the law says so (deviation D16).
+    fn order_mse(&self, pixel_mse: f64, image: &Plane<T>) -> f64 {
+        let noise = noise_floor(&self.law, image, self.weights.plane()) + self.desired_noise;
+        (pixel_mse - noise).max(0.0)
+    }
+
+    /// The initial error that an error as the order rule sees it makes: without noise there is always some left to go by.
+    fn initial(&self, order_mse: f64) -> f64 {
+        match self.law.noise_floor {
+            NoiseFloor::Ignored => order_mse,
+            NoiseFloor::Subtracted => order_mse.max(noise::LEAST_INITIAL_MSE),
+        }
+    }
+
     fn gram(&mut self, current: View<'_, T>, chosen: Option<Chosen>, order: usize) -> Result<Gram, BasisError> {
-        let sights =
-            Sights { current: (current.image, current.depth), desired: (&self.desired_image, &self.desired_depth) };
+        let sights = Sights {
+            current: (current.image, current.depth),
+            desired: (&self.desired_image, &self.desired_depth),
+            weight: self.weights.plane(),
+        };
         self.features.gram(chosen, order, sights)
     }
-}
 
-fn not_served(what: &'static str) -> ServoError {
-    ServoError::NotServed { what }
-}
-
-/// Refuses what is declared and not yet made.
-fn check_served(law: &Law) -> Result<(), ServoError> {
-    match law {
-        Law { method: Method::Photometric, .. } => Err(not_served("the method photometric")),
-        Law { method: Method::GaussianMixture, .. } => Err(not_served("the method gaussian_mixture")),
-        Law { light: Some(_), .. } => Err(not_served("light columns")),
-        Law { noise_floor: NoiseFloor::Subtracted, .. } => Err(not_served("a noise floor")),
-        Law { depth_scale: DepthScale::Estimated, .. } => Err(not_served("a depth scale")),
-        Law { holes: Holes::Ignored, .. } => Err(not_served("ignored holes")),
-        _ => Ok(()),
+    /// Learns from the last step's features, and says what the inverse of the given depth is to be multiplied by.
+    fn update_depth_scale(&mut self, order: usize, light: Option<[f64; 6]>) -> f64 {
+        let Some(estimate) = &mut self.depth_scale else { return 1.0 };
+        estimate.update(order, self.moved, self.features.own_rows(light.unwrap_or_default()));
+        estimate.scale()
     }
 }
 
-fn check_view<T: Sample>(view: View<'_, T>, expected: [usize; 2]) -> Result<(), ServoError> {
+/// The law's order rule, with enough features for the light's columns too.
+fn order_rule(law: &Law) -> OrderRule {
+    if law.light.is_some() { law.order.at_least(light::LOWEST_ORDER) } else { law.order }
+}
+
+/// What the law needs of moments besides the features, on images that allow orders up to `highest`.
+fn extras(law: &Law, highest: usize) -> Extras {
+    let least_swept = match law.depth_scale {
+        DepthScale::Given => 0,
+        DepthScale::Estimated => depth_scale::LOWEST_ORDER.min(highest),
+    };
+    Extras { light: law.light.is_some(), least_swept }
+}
+
+fn highest_swept(law: &Law, highest: usize) -> usize {
+    order_rule(law).max().max(extras(law, highest).least_swept)
+}
+
+/// `σ²` of an image's noise, if the law subtracts it.
+fn noise_floor<T: Sample>(law: &Law, image: &Plane<T>, weight: Option<&Plane<T>>) -> f64 {
+    match law.noise_floor {
+        NoiseFloor::Ignored => 0.0,
+        NoiseFloor::Subtracted => noise::noise_variance(image, weight),
+    }
+}
+
+/// A step solved at the depth as given, when its inverse is to be multiplied by `scale`: the translation columns grow, the translation shrinks.
+fn at_scale(step: [f64; 6], scale: f64) -> [f64; 6] {
+    std::array::from_fn(|i| if i < 3 { step[i] / scale } else { step[i] })
+}
+
+fn finite(number: f64) -> Result<f64, ServoError> {
+    if number.is_finite() { Ok(number) } else { Err(ServoError::ImageNotFinite) }
+}
+
+fn check_view<T: Sample>(view: View<'_, T>, expected: [usize; 2], law: &Law) -> Result<(), ServoError> {
     check_size(view.image, expected)?;
     match view.depth {
         Depth::Constant { depth_m } if *depth_m > 0.0 && depth_m.is_finite() => Ok(()),
         Depth::Constant { depth_m } => Err(ServoError::DepthNotPositive { depth_m: *depth_m }),
+        Depth::Map(_) if law.depth_scale == DepthScale::Estimated => Err(ServoError::DepthScaleOfMap),
         Depth::Map(map) if map.inverse_per_m().size() == expected => Ok(()),
         Depth::Map(map) => Err(ServoError::DepthSize { expected, got: map.inverse_per_m().size() }),
     }
@@ -323,22 +450,4 @@ fn check_view<T: Sample>(view: View<'_, T>, expected: [usize; 2]) -> Result<(), 
 fn check_size<T: Sample>(image: &Plane<T>, expected: [usize; 2]) -> Result<(), ServoError> {
     let got = image.size();
     if got == expected { Ok(()) } else { Err(ServoError::ImageSize { expected, got }) }
-}
-
-/// Mean of `(I - I*)²` over the pixels: `ē_I` of Eq. (26).
-fn mean_square_difference<T: Sample>(image: &Plane<T>, desired: &Plane<T>) -> Result<f64, ServoError> {
-    const STRANDS: usize = 8;
-    let mut strands = [0.0; STRANDS];
-    let [(image, image_rest), (desired, desired_rest)] =
-        [image, desired].map(|plane| plane.samples().as_chunks::<STRANDS>());
-    let square = |a: T, b: T| (a - b).to_f64() * (a - b).to_f64();
-    for (a, b) in image.iter().zip(desired) {
-        for i in 0..STRANDS {
-            strands[i] += square(a[i], b[i]);
-        }
-    }
-    let rest: f64 = image_rest.iter().zip(desired_rest).map(|(a, b)| square(*a, *b)).sum();
-    let count = (STRANDS * image.len() + image_rest.len()) as f64;
-    let mean = (strands.iter().sum::<f64>() + rest) / count;
-    if mean.is_finite() { Ok(mean) } else { Err(ServoError::ImageNotFinite) }
 }

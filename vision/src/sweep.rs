@@ -7,14 +7,19 @@
 use crate::basis::Basis;
 use crate::camera::Intrinsics;
 use crate::depth::Depth;
+use crate::features::Sight;
 use crate::image::Plane;
 use crate::interaction::{GradientMoments, gradient_row};
+use crate::light::across;
 use crate::moments::FeatureRow;
 use crate::projection::{Carriers, Chunks, padded_row};
 use crate::sample::Sample;
 
 /// A feature's error, then its row of `L`.
-const COLUMNS: usize = 7;
+pub(crate) const ERROR_AND_INTERACTION: usize = 7;
+
+/// A feature's row of `C`.
+pub(crate) const LIGHT: usize = 6;
 
 /// Most planes a row is projected for: `∇I_u`, `∇I_v`, `ζ ∇I_u`, `ζ ∇I_v`, `I - I*`.
 const PLANES: usize = 5;
@@ -50,7 +55,7 @@ impl<T: Sample> Sweep<T> {
             carried: vec![0.0; PLANES * carriers.len()],
             carriers,
             powers: Powers { x_gu: row(), xx_gu: row(), x_gv: row(), x_zgu: row() },
-            columns: vec![0.0; (highest_order + 1) * COLUMNS],
+            columns: vec![0.0; (highest_order + 1) * ERROR_AND_INTERACTION],
         };
         sweep.set_basis(basis_u);
         sweep
@@ -61,22 +66,70 @@ impl<T: Sample> Sweep<T> {
         self.carriers.set(basis_u, &self.camera);
     }
 
-    /// Fills `table` with `L(I, Z)` of this view and, if `desired` is given, with the moments of `I - I*`.
+    /// Fills `table` with `L(I, Z)` of this view and, if `desired` is given, with the moments of `I - I*`; of their planes times
+    /// the weights, if there are any.
     pub(crate) fn add_up(
         &mut self,
-        (image, depth): (&Plane<T>, &Depth<T>),
+        (image, depth): Sight<'_, T>,
         desired: Option<&Plane<T>>,
+        weight: Option<&Plane<T>>,
         basis_v: &Basis,
         order: usize,
-        table: &mut FeatureTable,
+        table: &mut FeatureTable<ERROR_AND_INTERACTION>,
     ) {
         table.clear(order);
         for v in 0..image.height() {
             let error_slot = self.fill_planes(image, depth, desired, v);
+            if let Some(weight) = weight {
+                self.weigh(weight.row(v));
+            }
             self.project(matches!(depth, Depth::Map(_)), error_slot, order);
             let constant = if let Depth::Constant { depth_m } = depth { Some(1.0 / depth_m) } else { None };
             self.fill_columns(self.camera.y(v as f64), constant, error_slot, order);
             table.add_row(&self.columns, |m| basis_v.row(m)[v]);
+        }
+    }
+
+    /// Fills `table` with the moments of the light's planes `{I*, 1, u I*, v I*, u, v}`, times the weights, if there are any.
+    pub(crate) fn add_up_light(
+        &mut self,
+        desired: &Plane<T>,
+        weight: Option<&Plane<T>>,
+        basis_v: &Basis,
+        order: usize,
+        table: &mut FeatureTable<LIGHT>,
+    ) {
+        table.clear(order);
+        let [width, height] = desired.size();
+        for v in 0..height {
+            let [own, one, u_own, u_plane, _] =
+                self.planes.each_mut().map(|plane| &mut plane.as_flattened_mut()[..width]);
+            for (u, sample) in desired.row(v).iter().enumerate() {
+                let right = T::from_f64(across(u, width));
+                (own[u], one[u], u_own[u], u_plane[u]) = (*sample, T::from_f64(1.0), right * *sample, right);
+            }
+            if let Some(weight) = weight {
+                self.weigh(weight.row(v));
+            }
+            let planes = self.planes.each_ref().map(|plane| &plane[..]);
+            self.carriers.project(&planes[..4], &[0; 4], order, &mut self.carried);
+            let stride = self.carriers.len();
+            let [own, one, u_own, u_plane] = std::array::from_fn(|plane| &self.carried[plane * stride..][..stride]);
+            let down = across(v, height);
+            for (n, columns) in self.columns.chunks_exact_mut(LIGHT).take(order + 1).enumerate() {
+                // `v` is one number along a row: its planes need no projection of their own.
+                columns.copy_from_slice(&[own[n], one[n], u_own[n], down * own[n], u_plane[n], down * one[n]]);
+            }
+            table.add_row(&self.columns, |m| basis_v.row(m)[v]);
+        }
+    }
+
+    /// Multiplies a row of every plane, in use or not, by the weights.
+    fn weigh(&mut self, weights: &[T]) {
+        for plane in &mut self.planes {
+            for (sample, weight) in plane.as_flattened_mut().iter_mut().zip(weights) {
+                *sample = *sample * *weight;
+            }
         }
     }
 
@@ -127,7 +180,7 @@ impl<T: Sample> Sweep<T> {
             self.carriers.raise(0, zg_u, zg_u, &mut x_zgu[..count]);
         }
         let [f_u, f_v] = self.camera.focal_px();
-        for (n, columns) in self.columns.chunks_exact_mut(COLUMNS).take(count).enumerate() {
+        for (n, columns) in self.columns.chunks_exact_mut(ERROR_AND_INTERACTION).take(count).enumerate() {
             let g_u = [f_u * g_u[n], f_u * x_gu[n], f_u * xx_gu[n]];
             let g_v = [f_v * g_v[n], f_v * x_gv[n]];
             let (zeta_g_u, zeta_g_v) = match constant_per_m {
@@ -146,19 +199,30 @@ fn multiply<T: Sample>(product: &mut [T], a: &[T], b: &[T]) {
     }
 }
 
-/// `e` and the rows of `L` for all `n + m <= order`: seven numbers per feature.
+/// So many numbers for each feature `n + m <= order`.
 #[derive(Debug)]
-pub(crate) struct FeatureTable {
+pub(crate) struct FeatureTable<const COLUMNS: usize> {
     order: usize,
     highest_order: usize,
     /// `[m][n][column]`.
     values: Vec<f64>,
 }
 
-impl FeatureTable {
-    pub(crate) fn new(highest_order: usize) -> FeatureTable {
+impl<const COLUMNS: usize> FeatureTable<COLUMNS> {
+    pub(crate) fn new(highest_order: usize) -> FeatureTable<COLUMNS> {
         let side = highest_order + 1;
         FeatureTable { order: 0, highest_order, values: vec![0.0; side * side * COLUMNS] }
+    }
+
+    /// The highest order it was filled to.
+    pub(crate) fn order(&self) -> usize {
+        self.order
+    }
+
+    /// The numbers of one feature.
+    pub(crate) fn at(&self, n: usize, m: usize) -> &[f64; COLUMNS] {
+        let first = self.start(m) + n * COLUMNS;
+        self.values[first..].first_chunk().expect("orders stay below the highest")
     }
 
     fn clear(&mut self, order: usize) {
@@ -180,21 +244,29 @@ impl FeatureTable {
             }
         }
     }
+}
 
+impl FeatureTable<ERROR_AND_INTERACTION> {
     /// `L` of this view becomes `½(L + L*)`, Eq. (40) and (52); `e` stays.
-    pub(crate) fn take_mean_interaction(&mut self, desired: &FeatureTable) {
-        for (own, desired) in self.values.chunks_exact_mut(COLUMNS).zip(desired.values.chunks_exact(COLUMNS)) {
+    pub(crate) fn take_mean_interaction(&mut self, desired: &Self) {
+        let rows = self.values.chunks_exact_mut(ERROR_AND_INTERACTION);
+        for (own, desired) in rows.zip(desired.values.chunks_exact(ERROR_AND_INTERACTION)) {
             for (own, desired) in own[1..].iter_mut().zip(&desired[1..]) {
                 *own = 0.5 * (*own + desired);
             }
         }
     }
 
-    pub(crate) fn rows(&self) -> impl Iterator<Item = FeatureRow> {
-        let indices = (0..=self.order).flat_map(|n| (0..=self.order - n).map(move |m| (n, m)));
-        indices.map(|(n, m)| {
-            let row = &self.values[self.start(m) + n * COLUMNS..][..COLUMNS];
-            FeatureRow { n, m, error: row[0], interaction: std::array::from_fn(|k| row[k + 1]) }
+    /// The features up to this order, `n` outside, `m` inside.
+    pub(crate) fn rows(&self, order: usize) -> impl Iterator<Item = FeatureRow> {
+        indices(order).map(|(n, m)| {
+            let [error, interaction @ ..] = *self.at(n, m);
+            FeatureRow { n, m, error, interaction }
         })
     }
+}
+
+/// All `(n, m)` with `n + m <= order`, `n` outside, `m` inside.
+fn indices(order: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..=order).flat_map(move |n| (0..=order - n).map(move |m| (n, m)))
 }

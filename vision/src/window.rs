@@ -47,19 +47,23 @@ impl Brightness {
     pub fn of<T: Sample>(image: &Plane<T>) -> Brightness {
         let mut brightness =
             Brightness { along_u: vec![0.0; image.width()], along_v: vec![0.0; image.height()], total: 0.0 };
-        brightness.set(image);
+        brightness.set(image, None);
         brightness
     }
 
-    /// The sums of another image of the same size, in place.
-    pub fn set<T: Sample>(&mut self, image: &Plane<T>) {
+    /// The sums of another image of the same size, in place; of its pixels times their weights, if there are any.
+    pub fn set<T: Sample>(&mut self, image: &Plane<T>, weight: Option<&Plane<T>>) {
         debug_assert_eq!(image.size(), [self.along_u.len(), self.along_v.len()]);
         self.along_u.fill(0.0);
         for (v, sum) in self.along_v.iter_mut().enumerate() {
-            for (column, sample) in self.along_u.iter_mut().zip(image.row(v)) {
-                *column += sample.to_f64();
-            }
-            *sum = image.row(v).iter().map(|sample| sample.to_f64()).sum();
+            let row = image.row(v);
+            *sum = match weight.map(|weight| weight.row(v)) {
+                None => add_row(&mut self.along_u, row.iter().map(|sample| sample.to_f64())),
+                Some(weight) => {
+                    let weighted = row.iter().zip(weight).map(|(sample, weight)| (*sample * *weight).to_f64());
+                    add_row(&mut self.along_u, weighted)
+                }
+            };
         }
         self.total = self.along_v.iter().sum();
     }
@@ -100,6 +104,16 @@ impl Brightness {
         }
         sums.len() - 1
     }
+}
+
+/// Adds a row to the columns' sums, and returns its own.
+fn add_row(along_u: &mut [f64], row: impl Iterator<Item = f64>) -> f64 {
+    let mut sum = 0.0;
+    for (column, sample) in along_u.iter_mut().zip(row) {
+        *column += sample;
+        sum += sample;
+    }
+    sum
 }
 
 /// `[ū_c, v̄_c]`, Eq. (16).
