@@ -15,9 +15,12 @@ pub mod service;
 pub mod world;
 
 pub mod outcome;
+pub mod parameters;
 pub mod runner;
 
 pub mod cells;
+pub mod page;
+pub mod shown;
 pub mod summary;
 pub mod wilson;
 

@@ -1,20 +1,22 @@
 //! What a finished run leaves in its folder, and what it says on the terminal.
 //! The data's way: one [`RunRow`] per image → [`RunRecord`] → [`write_run`] → `frames.csv`, `settings.json`, four
-//! PNGs, five SVG plots, and a [`RunSummary`] for the table and the JSON line. [`LiveLine`] shows the rows as they come.
+//! PNGs, SVG plots, and a [`RunSummary`] for the table and the JSON line. [`LiveLine`] shows the rows as they come.
 //!
 //! Nothing here knows of Zenoh, of the service or of how the rows came about.
 
 mod record;
 mod table;
 
+mod base64;
 mod pictures;
-mod plots;
+pub mod plots;
 
 mod live;
 mod summary;
 
+pub use base64::base64;
 pub use live::LiveLine;
-pub use pictures::RunImages;
+pub use pictures::{RunImages, png, strip};
 pub use record::{RunRecord, RunRow};
 pub use summary::{RunSummary, number, summary_table};
 
@@ -40,5 +42,5 @@ pub fn write_run(
     std::fs::write(&path, json + "\n").with_context(|| format!("cannot write {}", path.display()))?;
     table::write_csv(&folder.join("frames.csv"), &record.rows)?;
     pictures::write_pictures(folder, images)?;
-    plots::write_plots(folder, record)
+    plots::write_plots(folder, &plots::of_run(record)?)
 }

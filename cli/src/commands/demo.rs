@@ -64,7 +64,7 @@ Converged means within 1 mm and 0.1° of the target by the simulator's truth; th
 
 The JSON object has the keys method, converged, status, images, error_mm, error_deg, compute_ms and round_trip_ms \
 (medians) and out. The folder holds desired.png, initial.png, final.png, difference.png, frames.csv, settings.json \
-and five plots (SVG).
+and plots (SVG) of the errors, the twist, the order, the window and the path.
 
 Exit codes: 0 converged, 1 an error, 2 the command line was not understood, 3 the run ended without converging.";
 

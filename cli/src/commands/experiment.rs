@@ -14,6 +14,7 @@ use clap::{Args, Subcommand};
 use crate::experiment::plan::Overrides;
 use crate::experiment::pool;
 use crate::experiment::service::{InProcess, Network, OverZenoh, Service};
+use crate::experiment::shown::slug;
 use crate::options::{SizeOption, positive};
 use crate::paint::Paint;
 
@@ -111,13 +112,6 @@ impl Common {
     }
 }
 
-/// A name as a folder's: letters, digits, dots; the rest becomes a dash.
-fn slug(name: &str) -> String {
-    let keep = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c.to_ascii_lowercase() } else { '-' };
-    let dashed: String = name.chars().map(keep).collect();
-    dashed.split('-').filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-")
-}
-
 /// Runs the verb.
 ///
 /// # Errors
@@ -127,16 +121,5 @@ pub fn run(args: &ExperimentArgs, paint: Paint, paint_errors: Paint) -> anyhow::
         Verb::List(args) => list::run(args, paint),
         Verb::Run(args) => run::run(args, paint, paint_errors),
         Verb::Sweep(args) => sweep::run(args, paint, paint_errors),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn any_name_makes_a_folder_name() {
-        assert_eq!(slug("Case 1: σ² = 0.6"), "case-1-0.6");
-        assert_eq!(slug("HM l=3"), "hm-l-3");
     }
 }

@@ -13,6 +13,7 @@ use domvs_simulators::{Rendering, Simulation};
 use serde_json::Value;
 
 use super::outcome::{Outcome, Track};
+use super::parameters::Parameters;
 use super::plan::RunPlan;
 use super::service::Service;
 use super::spec::Table;
@@ -90,6 +91,7 @@ fn servo(
     let simulation = &mut world.simulation;
     let desired = simulation.capture_desired();
     watcher.desired(settings, &desired);
+    let mut parameters = Parameters::new(settings, &desired.image);
     let mut track = Track::default();
     note(&mut track, simulation);
     if let Some(code) = service.begin(settings, &frame(&desired, 0)?)? {
@@ -106,6 +108,7 @@ fn servo(
         let begin = Instant::now();
         let answer = service.ask(&frame(&current, image + 1)?)?;
         let mut row = row(image, &answer, settings, simulation);
+        row.window = parameters.of(&current.image);
         row.round_trip_us = begin.elapsed().as_secs_f64() * 1e6;
         watcher.image(&mut row, &current);
         rows.push(row);

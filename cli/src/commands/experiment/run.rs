@@ -6,20 +6,18 @@ use std::sync::atomic::Ordering;
 
 use anyhow::Context;
 use clap::Args;
-use domvs_simulators::Rendering;
-use domvs_vision::Plane;
 
-use super::{Common, slug};
+use super::Common;
 use crate::exit;
 use crate::experiment::cells::cells;
 use crate::experiment::outcome::Outcome;
 use crate::experiment::plan::{Overrides, RunPlan};
-use crate::experiment::runner::{self, Run, Watcher};
 use crate::experiment::service::Service;
+use crate::experiment::shown::{self, Shown};
+use crate::experiment::spec::Experiment;
 use crate::experiment::summary::{json_lines, run_table, write_results};
 use crate::experiment::{named, pool, progress};
 use crate::paint::{Paint, print_line};
-use crate::report::{RunImages, RunRow, write_run};
 
 /// Run an experiment: every method, scene and disturbance of it once
 ///
@@ -32,31 +30,14 @@ pub struct RunArgs {
 }
 
 const AFTER_HELP: &str = "\
-A status that latches (converged, diverging, …) ends a run where it is. The stop is at 0.01 mm and 0.001 % of a radian, so that \
-no run is cut off at the default half millimetre; the images end the others.
+A run has converged when the camera ends within the file's tolerance (1 mm and 0.1° by default) by the simulator's truth. \
+A status that latches (converged, diverging, …) ends a run where it is; the law's own stop is at 0.01 mm and 0.01 mrad here, so \
+that no run is cut off where the comparison begins. The number of images ends the others.
 
-The folder holds a folder for each run, results.json, runs.csv and cells.csv.
+The folder holds index.html (everything in one page), results.json, runs.csv, cells.csv, comparisons of the methods for each scene \
+and disturbance (SVG), and a folder for each run: frames.csv, settings.json, images, film.png and plots.
 
 Exit codes: 0 every run converged, 1 an error, 2 the command line was not understood, 3 a run did not converge, 130 interrupted.";
-
-/// Keeps the images that a report shows.
-#[derive(Default)]
-struct Pictures {
-    desired: Option<Plane<f32>>,
-    initial: Option<Plane<f32>>,
-    last: Option<Plane<f32>>,
-}
-
-impl Watcher for Pictures {
-    fn desired(&mut self, _: &domvs_proto::settings::TaskSettings, desired: &Rendering) {
-        self.desired = Some(desired.image.clone());
-    }
-
-    fn image(&mut self, _: &mut RunRow, current: &Rendering) {
-        self.initial.get_or_insert_with(|| current.image.clone());
-        self.last = Some(current.image.clone());
-    }
-}
 
 /// Runs the experiment and writes its folder.
 ///
@@ -69,28 +50,22 @@ pub fn run(args: &RunArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<
     let out = common.out(&experiment.name);
     let interrupted = pool::interruption()?;
     let bar = progress::bar(plans.len(), 0, paint_errors);
-    let work = |service: &mut Box<dyn Service>, plan: &RunPlan| {
-        let mut pictures = Pictures::default();
-        let run = runner::run(plan, service.as_mut(), &mut pictures, &interrupted)?;
-        run.map(|run| write_one(&out, plan, run, &pictures)).transpose()
-    };
-    let mut outcomes: Vec<Option<Outcome>> = vec![None; plans.len()];
-    let done = |index: usize, outcome: Option<Outcome>| {
+    let work = |service: &mut Box<dyn Service>, plan: &RunPlan| shown::run(plan, service.as_mut(), &out, &interrupted);
+    let mut runs: Vec<Option<Shown>> = plans.iter().map(|_| None).collect();
+    let done = |index: usize, run: Option<Shown>| {
         bar.inc(1);
-        outcomes[index] = outcome;
+        runs[index] = run;
         Ok(())
     };
     let result = pool::in_parallel(common.jobs(), &plans, &interrupted, common.services()?, work, done);
     bar.finish_and_clear();
     result?;
-
-    let outcomes: Vec<Outcome> = outcomes.into_iter().flatten().collect();
-    let cells = cells(&outcomes);
-    std::fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-    write_results(&out, &experiment, &outcomes, &cells)?;
+    let runs: Vec<Shown> = runs.into_iter().flatten().collect();
+    let outcomes: Vec<Outcome> = runs.iter().map(|run| run.outcome.clone()).collect();
+    report(&out, &experiment, &runs, &outcomes)?;
     let text = match common.json {
-        true => json_lines(&outcomes, &cells)?,
-        false => format!("{}\nresults: {}", run_table(&outcomes, paint), out.display()),
+        true => json_lines(&outcomes, &cells(&outcomes))?,
+        false => format!("{}\nresults: {}", run_table(&outcomes, paint), out.join("index.html").display()),
     };
     print_line(&text).context("cannot write the result")?;
     Ok(match outcomes.iter().all(|outcome| outcome.converged) {
@@ -100,11 +75,10 @@ pub fn run(args: &RunArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<
     })
 }
 
-fn write_one(out: &Path, plan: &RunPlan, run: Run, pictures: &Pictures) -> anyhow::Result<Outcome> {
-    let cell = &plan.cell;
-    let folder = out.join(slug(&format!("{} {} {}", cell.scene, cell.disturbance, cell.method)));
-    if let (Some(desired), Some(initial), Some(last)) = (&pictures.desired, &pictures.initial, &pictures.last) {
-        write_run(&folder, &run.record, &run.settings.to_value(), &RunImages { desired, initial, last })?;
-    }
-    Ok(run.outcome)
+fn report(out: &Path, experiment: &Experiment, runs: &[Shown], outcomes: &[Outcome]) -> anyhow::Result<()> {
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    write_results(out, experiment, outcomes, &cells(outcomes))?;
+    let path = out.join("index.html");
+    let page = shown::page(out, experiment, runs)?;
+    std::fs::write(&path, page).with_context(|| format!("cannot write {}", path.display()))
 }

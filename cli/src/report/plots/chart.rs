@@ -1,7 +1,6 @@
 //! Line charts under each other, drawn by plotters: one style, a title and a legend above each panel, never on the data.
 
 use std::ops::Range;
-use std::path::Path;
 
 use anyhow::anyhow;
 use plotters::coord::Shift;
@@ -17,19 +16,35 @@ pub const FONT: &str = "sans-serif";
 pub const TEXT: RGBColor = RGBColor(45, 45, 45);
 pub const GRID: RGBColor = RGBColor(228, 228, 228);
 /// Okabe and Ito's colours, which people who see fewer colours can still tell apart.
-pub const COLORS: [RGBColor; 3] = [RGBColor(0, 114, 178), RGBColor(213, 94, 0), RGBColor(0, 158, 115)];
+pub const COLORS: [RGBColor; 8] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(90, 90, 90),
+    RGBColor(140, 86, 40),
+];
 
 /// One set of axes.
 pub struct Panel {
+    /// Above the axes, on the left.
     pub title: String,
+    /// Under the horizontal axis.
+    pub x_label: String,
+    /// Beside the vertical axis.
     pub y_label: String,
+    /// Of the vertical axis.
     pub scale: Scale,
+    /// What is drawn.
     pub series: Vec<Series>,
 }
 
 /// How the vertical axis runs.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
+    /// Evenly.
     Linear,
     /// Whole numbers, ticks included.
     Whole,
@@ -39,23 +54,36 @@ pub enum Scale {
 
 /// One line. Points that are not finite interrupt it.
 pub struct Series {
+    /// In the legend; empty for none.
     pub label: String,
+    /// From left to right.
     pub points: Vec<(f64, f64)>,
 }
 
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Failed = anyhow::Error;
 
-/// Draws `panels` under each other into an SVG file.
-pub fn draw_charts(path: &Path, panels: &[Panel]) -> anyhow::Result<()> {
+/// Draws `panels` under each other; returns the text of an SVG.
+pub fn charts(panels: &[Panel]) -> anyhow::Result<String> {
     let (width, height) = PANEL_SIZE;
-    let root = SVGBackend::new(path, (width, height * panels.len() as u32)).into_drawing_area();
-    let explain = |error: Failed| error.context(format!("cannot write {}", path.display()));
-    root.fill(&WHITE).map_err(|error| explain(drawing(error)))?;
-    for (area, panel) in root.split_evenly((panels.len(), 1)).iter().zip(panels) {
-        draw_panel(area, panel).map_err(explain)?;
+    svg((width, height * panels.len() as u32), |root| {
+        for (area, panel) in root.split_evenly((panels.len(), 1)).iter().zip(panels) {
+            draw_panel(area, panel)?;
+        }
+        Ok(())
+    })
+}
+
+/// The text of an SVG of this size in pixels, drawn on white.
+pub fn svg(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Result<(), Failed>) -> Result<String, Failed> {
+    let mut text = String::new();
+    {
+        let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        root.fill(&WHITE).map_err(drawing)?;
+        draw(&root)?;
+        root.present().map_err(drawing)?;
     }
-    root.present().map_err(|error| explain(drawing(error)))
+    Ok(text)
 }
 
 /// plotters' errors borrow from the drawing area; their words are all that is kept.
@@ -84,7 +112,7 @@ fn draw_panel(area: &Area<'_>, panel: &Panel) -> Result<(), Failed> {
         .map_err(drawing)?;
     chart
         .configure_mesh()
-        .x_desc("image")
+        .x_desc(&panel.x_label)
         .y_desc(&panel.y_label)
         .x_label_formatter(&|value| plain(*value))
         .y_label_formatter(&|value| {
@@ -117,13 +145,13 @@ fn draw_head<'a, 'l>(area: &Area<'a>, title: &str, labels: impl Iterator<Item = 
     let style = (FONT, 18).into_font().color(&TEXT);
     head.draw(&Text::new(title.to_owned(), (20, 13), style)).map_err(drawing)?;
     let labels: Vec<&str> = labels.filter(|label| !label.is_empty()).collect();
-    let entry_px = 64;
-    let mut x = head.dim_in_pixel().0 as i32 - 24 - entry_px * labels.len() as i32;
+    let entry_px = |label: &str| 46 + 8 * label.chars().count() as i32;
+    let mut x = head.dim_in_pixel().0 as i32 - 24 - labels.iter().map(|label| entry_px(label)).sum::<i32>();
     for (label, color) in labels.iter().zip(COLORS.iter().cycle()) {
         head.draw(&PathElement::new(vec![(x, 22), (x + 24, 22)], color.stroke_width(3))).map_err(drawing)?;
         let style = (FONT, 15).into_font().color(&TEXT);
         head.draw(&Text::new((*label).to_owned(), (x + 31, 14), style)).map_err(drawing)?;
-        x += entry_px;
+        x += entry_px(label);
     }
     Ok(body)
 }

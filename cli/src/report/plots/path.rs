@@ -1,11 +1,11 @@
-//! The camera's way in the desired frame, seen from above and along the optical axis, both on one scale.
+//! Where cameras went, in the desired frame: seen from above and along the optical axis, or from aside in three dimensions,
+//! always with a metre of the same length on every axis.
 
 use std::ops::Range;
-use std::path::Path;
 
 use plotters::prelude::*;
 
-use super::chart::{Area, COLORS, FONT, GRID, TEXT, drawing, plain, span};
+use super::chart::{Area, COLORS, FONT, GRID, TEXT, drawing, plain, span, svg};
 use crate::report::RunRow;
 
 const SIZE: (u32, u32) = (860, 470);
@@ -30,8 +30,8 @@ enum YRuns {
     Down,
 }
 
-/// Draws the positions in `rows`; the desired camera is at the origin.
-pub fn draw_path(path: &Path, rows: &[RunRow], name: &str) -> anyhow::Result<()> {
+/// One camera's path from above and along the optical axis; the desired camera is at the origin.
+pub fn path(rows: &[RunRow], name: &str) -> anyhow::Result<String> {
     let views = [
         View { x_label: "x right (m), from above", y_label: "z forward (m)", x_axis: 0, y_axis: 2, y_runs: YRuns::Up },
         View {
@@ -42,20 +42,88 @@ pub fn draw_path(path: &Path, rows: &[RunRow], name: &str) -> anyhow::Result<()>
             y_runs: YRuns::Down,
         },
     ];
+    let positions = positions(rows);
+    svg(SIZE, |root| {
+        let ranges = common_ranges(&positions);
+        let title = Text::new(format!("Camera path · {name}"), (20, 13), (FONT, 18).into_font().color(&TEXT));
+        root.draw(&title).map_err(drawing)?;
+        draw_legend(root)?;
+        let (_, body) = root.split_vertically(HEAD_PX);
+        for (area, view) in body.split_evenly((1, 2)).iter().zip(&views) {
+            draw_view(area, view, &positions, &ranges)?;
+        }
+        Ok(())
+    })
+}
+
+fn positions(rows: &[RunRow]) -> Vec<[f64; 3]> {
     let known = |row: &&RunRow| row.position_m.iter().all(|value| value.is_finite());
-    let positions: Vec<[f64; 3]> = rows.iter().filter(known).map(|row| row.position_m).collect();
-    let explain = |error: anyhow::Error| error.context(format!("cannot write {}", path.display()));
-    let root = SVGBackend::new(path, SIZE).into_drawing_area();
-    root.fill(&WHITE).map_err(|error| explain(drawing(error)))?;
-    let ranges = common_ranges(&positions);
-    let title = Text::new(format!("Camera path · {name}"), (20, 13), (FONT, 18).into_font().color(&TEXT));
-    root.draw(&title).map_err(|error| explain(drawing(error)))?;
-    draw_legend(&root).map_err(explain)?;
-    let (_, body) = root.split_vertically(HEAD_PX);
-    for (area, view) in body.split_evenly((1, 2)).iter().zip(&views) {
-        draw_view(area, view, &positions, &ranges).map_err(explain)?;
+    rows.iter().filter(known).map(|row| row.position_m).collect()
+}
+
+/// The paths of several runs in three dimensions: x to the right, z into the depth, y down.
+pub fn paths_3d(runs: &[(&str, &[RunRow])]) -> anyhow::Result<String> {
+    let paths: Vec<Vec<[f64; 3]>> = runs.iter().map(|(_, rows)| positions(rows)).collect();
+    let all: Vec<[f64; 3]> = paths.iter().flatten().copied().collect();
+    svg((SIZE.0, SIZE.0 * 3 / 4), |root| {
+        let (head, body) = root.split_vertically(HEAD_PX);
+        draw_names(&head, runs)?;
+        let [x, y, z] = cube(&all);
+        // Up on the page is up in the world: against y.
+        let mut chart = ChartBuilder::on(&body)
+            .margin(MARGIN_PX)
+            .build_cartesian_3d(x.clone(), -y.end..-y.start, z.clone())
+            .map_err(drawing)?;
+        chart.with_projection(|mut projection| {
+            (projection.pitch, projection.yaw, projection.scale) = (0.35, 0.6, 0.85);
+            projection.into_matrix()
+        });
+        let label = (FONT, 14).into_font().color(&TEXT);
+        chart
+            .configure_axes()
+            .label_style(label)
+            .tick_size(4)
+            .x_labels(5)
+            .y_labels(5)
+            .z_labels(5)
+            .x_formatter(&|value| plain((*value * 1e3).round() / 1e3))
+            .y_formatter(&|value| plain((-*value * 1e3).round() / 1e3))
+            .z_formatter(&|value| plain((*value * 1e3).round() / 1e3))
+            .light_grid_style(GRID)
+            .draw()
+            .map_err(drawing)?;
+        for (path, color) in paths.iter().zip(COLORS.iter().cycle()) {
+            let points: Vec<(f64, f64, f64)> = path.iter().map(|[x, y, z]| (*x, -y, *z)).collect();
+            chart.draw_series(LineSeries::new(points.iter().copied(), color.stroke_width(2))).map_err(drawing)?;
+            let start = points.first().map(|start| Circle::new(*start, 5, TEXT.filled()));
+            chart.draw_series(start).map_err(drawing)?;
+        }
+        chart.draw_series([Cross::new((0.0, 0.0, 0.0), 7, TEXT.stroke_width(3))]).map_err(drawing)?;
+        Ok(())
+    })
+}
+
+/// Equal ranges about the middle of the paths and the origin.
+fn cube(positions: &[[f64; 3]]) -> [Range<f64>; 3] {
+    let spans = [0, 1, 2].map(|axis| span(positions.iter().map(|position| position[axis]).chain([0.0])));
+    let widest = spans.iter().map(|span| span.end - span.start).fold(1e-3, f64::max);
+    spans.map(|span| {
+        let middle = 0.5 * (span.start + span.end);
+        middle - 0.55 * widest..middle + 0.55 * widest
+    })
+}
+
+fn draw_names(head: &Area<'_>, runs: &[(&str, &[RunRow])]) -> anyhow::Result<()> {
+    let style = |size| (FONT, size).into_font().color(&TEXT);
+    let title = "Camera paths (m): x right, y down, z forward; dot: start, cross: desired";
+    head.draw(&Text::new(title, (20, 2), style(17))).map_err(drawing)?;
+    let mut x = 20;
+    for ((name, _), color) in runs.iter().zip(COLORS.iter().cycle()) {
+        head.draw(&PathElement::new(vec![(x, 36), (x + 24, 36)], color.stroke_width(3))).map_err(drawing)?;
+        head.draw(&Text::new((*name).to_owned(), (x + 31, 28), style(15))).map_err(drawing)?;
+        x += 46 + 8 * name.chars().count() as i32;
     }
-    root.present().map_err(|error| explain(drawing(error)))
+    Ok(())
 }
 
 /// Per axis the range to show: the path and the origin, so wide that a metre has the same length on all of them.
