@@ -8,23 +8,43 @@
 //! interaction matrix, so that a simulation can contradict it.
 
 mod camera;
+mod depth_disturbance;
 mod disturbance;
 mod free_camera;
+mod light;
+mod mesh;
+mod mesh_file;
+mod mesh_scene;
 pub mod motion;
 pub mod node;
+mod occluder;
 mod packet;
 mod photograph;
+mod plane_scene;
 mod pyramid;
+mod raster;
 mod scene;
 mod settings;
+mod shade;
 mod simulation;
+pub mod spec;
+mod texture;
 
 pub use camera::PinholeCamera;
-pub use disturbance::Disturbance;
+pub use depth_disturbance::{DepthDisturbance, ToldDepth};
+pub use disturbance::{Disturbance, Shot};
 pub use free_camera::{BrakeReason, CommandRefused, FreeCamera, Motion};
+pub use light::{Light, Slope, Spot};
+pub use mesh::Mesh;
+pub use mesh_file::MeshFileError;
+pub use mesh_scene::{Background, MeshScene, Wall};
 pub use motion::PoseError;
+pub use occluder::Occluder;
 pub use packet::{DepthPacking, PixelPacking, mono8, pack};
 pub use photograph::{Photograph, PhotographError};
-pub use scene::{PlaneScene, Rendering, SceneError};
+pub use plane_scene::PlaneScene;
+pub use scene::{Rendering, Scene, SceneError};
 pub use settings::{CameraSettings, CameraSettingsError, Follow};
 pub use simulation::Simulation;
+pub use spec::{World, WorldSpec};
+pub use texture::Texture;

@@ -35,6 +35,9 @@ use inbox::{Event, Inbox};
 /// Questions for the desired image that may wait.
 const QUESTIONS: usize = 4;
 
+/// Enough for 30 frames a second of 512x512; more would take cores from the service beside it.
+const RENDER_THREADS: usize = 2;
+
 /// Why a camera does not fly.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -58,7 +61,7 @@ pub enum NodeError {
 pub struct Truth {
     /// How far the camera is from where it should be.
     pub error: PoseError,
-    /// Where it is, `world_from_camera`; the desired camera is the world's origin.
+    /// Where it is, `world_from_camera`.
     pub pose: Isometry3<f64>,
     /// Whether it moves, and if not, why.
     pub motion: Motion,
@@ -91,6 +94,7 @@ impl CameraNode {
     /// Opens a session with `config` and flies. Fails on impossible settings and when Zenoh refuses.
     pub async fn open(config: zenoh::Config, keys: Keys, settings: CameraSettings) -> Result<CameraNode, NodeError> {
         let mut simulation = settings.simulation()?;
+        simulation.scene = simulation.scene.with_threads(RENDER_THREADS);
         let target = packet::pack(&simulation.capture_desired(), settings.pixels, settings.depth, 0, 0);
         let frame_period = settings.frame_period()?;
         let session = zenoh::open(config).await?;

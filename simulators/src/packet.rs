@@ -38,7 +38,7 @@ pub fn pack(
     sequence: u64,
     capture_time_ns: u64,
 ) -> (FrameHeader, Vec<u8>) {
-    let Rendering { image, depth: metres } = rendering;
+    let Rendering { image, depth: metres, .. } = rendering;
     let (pixel_format, mut payload) = match pixels {
         PixelPacking::Mono8 => (PixelFormat::Mono8, mono8(image)),
         PixelPacking::Mono32f => (PixelFormat::Mono32F, little_endian(image.samples(), |gray| gray.to_le_bytes())),

@@ -103,6 +103,11 @@ impl Photograph {
         Ok(Photograph { gray })
     }
 
+    /// One gray in [0, 1], 2x2.
+    pub fn one_gray(gray: f32) -> Photograph {
+        Photograph { gray: Plane::filled(2, 2, gray) }
+    }
+
     /// A square texture of smooth noise in seven octaves, at least 2x2: the same seed gives the same picture.
     pub fn noise(size_px: usize, seed: u64) -> Photograph {
         let size_px = size_px.max(2);

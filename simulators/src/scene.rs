@@ -1,23 +1,11 @@
-//! A plane that wears a photograph, and its picture in a pinhole camera, with the true depth.
-//!
-//! The world is the frame of the desired camera. The plane is `Z = distance`, endless and black but for the
-//! photograph, which is centred on the world's z axis, upright. A pixel's ray leaves the camera's centre `o` along
-//! `r = R (x, y, 1)`; with `h = distance - o_z` it meets the plane at the depth `z = h / r_z`, in the camera's own z.
-//!
-//! Anti-aliasing: four samples a pixel, each from the octave whose texels are as large as half a pixel's footprint.
-//! A pixel of area 1 px² covers `z³ / (h fx fy)` m² of the plane. The result moves smoothly with the pose.
+//! What cameras look at, of whatever kind, and what they see of it.
 
 use domvs_vision::Plane;
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use nalgebra::Isometry3;
 
 use crate::camera::PinholeCamera;
-use crate::photograph::Photograph;
-use crate::pyramid::Pyramid;
-
-/// Where the four samples of a pixel are, in px from its centre.
-const SUBPIXELS: [f64; 2] = [-0.25, 0.25];
-/// Enough for 30 frames a second of 512x512; more would take cores from the service beside it.
-const THREADS: usize = 2;
+use crate::mesh_scene::MeshScene;
+use crate::plane_scene::PlaneScene;
 
 /// Why there is no scene.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -31,6 +19,26 @@ pub enum SceneError {
         /// Distance from the desired camera, m.
         distance_m: f64,
     },
+    /// A mesh has not as many texture places as corners, or one of them is not finite.
+    #[error("object {object}: expected finite corners, each with its texture place, got {corners} and {places}")]
+    Corners {
+        /// Its place in the list, from 0.
+        object: usize,
+        /// Corners.
+        corners: usize,
+        /// Texture places.
+        places: usize,
+    },
+    /// A triangle names a corner that is not there.
+    #[error("object {object}: expected corners below {corners}, got a triangle with corner {corner}")]
+    NoSuchCorner {
+        /// Its place in the list, from 0.
+        object: usize,
+        /// The corner it names.
+        corner: u32,
+        /// Corners there are.
+        corners: usize,
+    },
 }
 
 /// What a camera sees.
@@ -38,152 +46,91 @@ pub enum SceneError {
 pub struct Rendering {
     /// Gray in [0, 1].
     pub image: Plane<f32>,
-    /// Depth along the optical axis, m; 0 where a pixel's ray meets nothing.
+    /// Depth along the optical axis as the law is told it, m; 0 where it is unknown or a pixel's ray meets nothing.
     pub depth: Plane<f32>,
+    /// Depth along the optical axis as it is, m; 0 where a pixel's ray meets nothing. For judges.
+    pub true_depth: Plane<f32>,
 }
 
-/// An endless black plane with a photograph on it, facing the desired camera.
-#[derive(Clone, Debug)]
-pub struct PlaneScene {
-    texture: Pyramid,
-    texture_size: [f64; 2],
-    texels_per_m: f64,
-    distance_m: f64,
-    threads: usize,
-}
-
-impl PlaneScene {
-    /// `photograph`, `width_m` wide, `distance_m` in front of the desired camera; fails when a length is not positive.
-    pub fn new(photograph: &Photograph, width_m: f64, distance_m: f64) -> Result<PlaneScene, SceneError> {
-        let positive = |length: f64| length.is_finite() && length > 0.0;
-        if !positive(width_m) || !positive(distance_m) {
-            return Err(SceneError::LengthNotPositive { width_m, distance_m });
-        }
-        Ok(PlaneScene {
-            texture: Pyramid::new(photograph.gray()),
-            texture_size: [photograph.width() as f64, photograph.height() as f64],
-            texels_per_m: photograph.width() as f64 / width_m,
-            distance_m,
-            threads: THREADS,
-        })
-    }
-
-    /// Renders on this many threads, at least one; the pixels do not depend on it.
-    pub fn with_threads(mut self, threads: usize) -> PlaneScene {
-        self.threads = threads.max(1);
-        self
-    }
-
-    /// What `camera` sees from `pose` (`world_from_camera`). From behind, the plane is black; its depth is true.
-    pub fn render(&self, camera: &PinholeCamera, pose: &Isometry3<f64>) -> Rendering {
+impl Rendering {
+    /// Black and without depth, of the camera's size.
+    pub(crate) fn blank(camera: &PinholeCamera) -> Rendering {
         let blank = || Plane::filled(camera.width, camera.height, 0.0);
-        let mut rendering = Rendering { image: blank(), depth: blank() };
-        self.render_into(camera, pose, &mut rendering);
-        rendering
+        Rendering { image: blank(), depth: blank(), true_depth: blank() }
     }
 
-    /// Like [`PlaneScene::render`], into planes that are already there; other sizes are replaced.
-    pub fn render_into(&self, camera: &PinholeCamera, pose: &Isometry3<f64>, rendering: &mut Rendering) {
-        for plane in [&mut rendering.image, &mut rendering.depth] {
+    /// Replaces planes of another size than the camera's.
+    pub(crate) fn fit(&mut self, camera: &PinholeCamera) {
+        for plane in [&mut self.image, &mut self.depth, &mut self.true_depth] {
             if (plane.width(), plane.height()) != (camera.width, camera.height) {
                 *plane = Plane::filled(camera.width, camera.height, 0.0);
             }
         }
-        let rays = Rays::new(self, camera, pose);
-        let rows_per_thread = camera.height.div_ceil(self.threads);
-        let band = (rows_per_thread * camera.width).max(1);
-        let image_bands = rendering.image.samples_mut().chunks_mut(band);
-        let depth_bands = rendering.depth.samples_mut().chunks_mut(band);
-        std::thread::scope(|scope| {
-            for (index, (image, depth)) in image_bands.zip(depth_bands).enumerate() {
-                let rays = &rays;
-                let first_row = index * rows_per_thread;
-                scope.spawn(move || self.render_band(rays, camera.width, first_row, image, depth));
-            }
-        });
     }
 
-    fn render_band(&self, rays: &Rays, width: usize, first_row: usize, image: &mut [f32], depth: &mut [f32]) {
-        let rows = image.chunks_mut(width).zip(depth.chunks_mut(width));
-        for (row, (image, depth)) in rows.enumerate() {
-            let v = (first_row + row) as f64;
-            for (u, (gray, metres)) in image.iter_mut().zip(depth).enumerate() {
-                let z = rays.depth_m(u as f64, v);
-                *metres = z.unwrap_or(0.0) as f32;
-                *gray = self.pixel(rays, u as f64, v, z);
-            }
-        }
-    }
-
-    /// The mean of a pixel's four samples.
-    fn pixel(&self, rays: &Rays, u: f64, v: f64, depth_m: Option<f64>) -> f32 {
-        if rays.height_m <= 0.0 {
-            return 0.0;
-        }
-        // A centre beyond the horizon may have a corner on this side of it, far away: the coarsest octave.
-        let footprint_px2 = depth_m.map_or(f64::MAX, |z| z.powi(3) * rays.footprint_scale);
-        // Half of log2 is the footprint's side; one less is the side of a quarter pixel.
-        let octaves = self.texture.octaves(0.5 * (footprint_px2 as f32).log2() - 1.0);
-        let mut sum = 0.0;
-        for dv in SUBPIXELS {
-            for du in SUBPIXELS {
-                if let Some([s, t]) = rays.texel(u + du, v + dv) {
-                    sum += octaves.sample(s as f32, t as f32);
+    /// Fills image and true depth in bands of rows, one a thread, by `fill(first_row, image, depth)`; the depth that
+    /// is told is then the true one.
+    pub(crate) fn in_bands(&mut self, threads: usize, fill: impl Fn(usize, &mut [f32], &mut [f32]) + Sync) {
+        let (width, height) = (self.image.width(), self.image.height());
+        if threads <= 1 {
+            fill(0, self.image.samples_mut(), self.true_depth.samples_mut());
+        } else {
+            let rows = height.div_ceil(threads);
+            let image_bands = self.image.samples_mut().chunks_mut(rows * width);
+            let depth_bands = self.true_depth.samples_mut().chunks_mut(rows * width);
+            std::thread::scope(|scope| {
+                for (index, (image, depth)) in image_bands.zip(depth_bands).enumerate() {
+                    let fill = &fill;
+                    scope.spawn(move || fill(index * rows, image, depth));
                 }
-            }
+            });
         }
-        sum / 4.0
+        self.depth.samples_mut().copy_from_slice(self.true_depth.samples());
     }
 }
 
-/// The rays of one pose: world directions are linear in the pixel.
-struct Rays {
-    origin: Vector3<f64>,
-    at_zero: Vector3<f64>,
-    per_u: Vector3<f64>,
-    per_v: Vector3<f64>,
-    /// From the camera's centre to the plane along the world's z.
-    height_m: f64,
-    /// Texels² that a pixel covers at 1 m of depth.
-    footprint_scale: f64,
-    texels_per_m: f64,
-    middle: [f64; 2],
+/// What a camera looks at; cheap to clone.
+#[derive(Clone, Debug)]
+pub enum Scene {
+    /// A photograph on an endless plane, by rays.
+    Plane(PlaneScene),
+    /// Textured triangles in front of a background, by the rasteriser.
+    Meshes(MeshScene),
 }
 
-impl Rays {
-    fn new(scene: &PlaneScene, camera: &PinholeCamera, pose: &Isometry3<f64>) -> Rays {
-        let rotation: Matrix3<f64> = pose.rotation.to_rotation_matrix().into_inner();
-        let [focal_u, focal_v] = camera.intrinsics.focal_px();
-        let [center_u, center_v] = camera.intrinsics.center_px();
-        let height_m = scene.distance_m - pose.translation.z;
-        Rays {
-            origin: pose.translation.vector,
-            at_zero: rotation * Vector3::new(-center_u / focal_u, -center_v / focal_v, 1.0),
-            per_u: rotation.column(0) / focal_u,
-            per_v: rotation.column(1) / focal_v,
-            height_m,
-            footprint_scale: scene.texels_per_m.powi(2) / (height_m.abs() * focal_u * focal_v),
-            texels_per_m: scene.texels_per_m,
-            middle: scene.texture_size.map(|size| size / 2.0),
+impl Scene {
+    /// Renders on this many threads, at least one, which is the default; the pixels do not depend on it.
+    pub fn with_threads(self, threads: usize) -> Scene {
+        match self {
+            Scene::Plane(scene) => Scene::Plane(scene.with_threads(threads)),
+            Scene::Meshes(scene) => Scene::Meshes(scene.with_threads(threads)),
         }
     }
 
-    fn direction(&self, u: f64, v: f64) -> Vector3<f64> {
-        self.at_zero + u * self.per_u + v * self.per_v
+    /// What `camera` sees from `pose` (`world_from_camera`).
+    pub fn render(&self, camera: &PinholeCamera, pose: &Isometry3<f64>) -> Rendering {
+        let mut rendering = Rendering::blank(camera);
+        self.render_into(camera, pose, &mut rendering);
+        rendering
     }
 
-    /// `z = h / r_z` where the plane is in front of the camera.
-    fn depth_m(&self, u: f64, v: f64) -> Option<f64> {
-        let z = self.height_m / self.direction(u, v).z;
-        (z > 0.0 && z <= f64::from(f32::MAX)).then_some(z)
+    /// Like [`Scene::render`], into planes that are already there; other sizes are replaced.
+    pub fn render_into(&self, camera: &PinholeCamera, pose: &Isometry3<f64>, rendering: &mut Rendering) {
+        match self {
+            Scene::Plane(scene) => scene.render_into(camera, pose, rendering),
+            Scene::Meshes(scene) => scene.render_into(camera, pose, rendering),
+        }
     }
+}
 
-    /// Where the ray meets the photograph's plane, in texels from the photograph's upper left corner.
-    fn texel(&self, u: f64, v: f64) -> Option<[f64; 2]> {
-        let r = self.direction(u, v);
-        let z = self.height_m / r.z;
-        let on_plane = |o: f64, r: f64, middle: f64| (o + z * r) * self.texels_per_m + middle;
-        let texel = [on_plane(self.origin.x, r.x, self.middle[0]), on_plane(self.origin.y, r.y, self.middle[1])];
-        (z > 0.0).then_some(texel)
+impl From<PlaneScene> for Scene {
+    fn from(scene: PlaneScene) -> Scene {
+        Scene::Plane(scene)
+    }
+}
+
+impl From<MeshScene> for Scene {
+    fn from(scene: MeshScene) -> Scene {
+        Scene::Meshes(scene)
     }
 }

@@ -7,14 +7,17 @@ use domvs_proto::keys::{Name, TaskKey};
 use domvs_proto::messages::CameraInfo;
 use domvs_proto::settings::Camera;
 use domvs_vision::CameraError;
+use nalgebra::Isometry3;
 
 use crate::camera::PinholeCamera;
 use crate::disturbance::Disturbance;
-use crate::motion::EXPERIMENT_1;
+use crate::motion::{self, EXPERIMENT_1};
 use crate::packet::{DepthPacking, PixelPacking};
 use crate::photograph::Photograph;
-use crate::scene::{PlaneScene, SceneError};
+use crate::plane_scene::PlaneScene;
+use crate::scene::Scene;
 use crate::simulation::Simulation;
+use crate::spec::World;
 
 /// Frames a second that a schedule in nanoseconds keeps well.
 const RATES_HZ: RangeInclusive<f64> = 0.01..=1000.0;
@@ -71,19 +74,23 @@ pub enum CameraSettingsError {
         height: usize,
     },
     /// A displacement or a disturbance is not finite, or the noise is negative.
-    #[error("expected finite numbers and noise of at least 0, got {displacement:?} and {disturbance:?}")]
+    #[error(
+        "expected finite numbers and noise of at least 0, got displacement {displacement:?}, noise {noise_std}, \
+         light gain {gain} and offset {offset}"
+    )]
     NotFinite {
         /// The displacement asked for.
         displacement: [f64; 6],
-        /// The disturbance asked for.
-        disturbance: Disturbance,
+        /// The standard deviation of the noise asked for.
+        noise_std: f64,
+        /// The light's gain asked for.
+        gain: f64,
+        /// The light's offset asked for.
+        offset: f64,
     },
     /// The field of view is impossible.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// The scene is impossible.
-    #[error(transparent)]
-    Scene(#[from] SceneError),
 }
 
 /// Everything a simulated camera is made of.
@@ -105,12 +112,10 @@ pub struct CameraSettings {
     pub height: usize,
     /// Field of view over the width, rad.
     pub horizontal_fov_rad: f64,
-    /// What is on the plane.
-    pub photograph: Photograph,
-    /// How wide the photograph is, m.
-    pub photograph_width_m: f64,
-    /// How far it is in front of the desired camera, m.
-    pub distance_m: f64,
+    /// What it looks at.
+    pub scene: Scene,
+    /// Where the camera should be, `world_from_camera`.
+    pub desired: Isometry3<f64>,
     /// Where the camera starts: m, m, m, deg, deg, deg, se(3) log coordinates of `T_desired⁻¹ T_initial`.
     pub displacement: [f64; 6],
     /// Light, noise, latency and the seed.
@@ -124,6 +129,27 @@ pub struct CameraSettings {
 impl CameraSettings {
     /// The paper's experiment #1: 512x512 over 60 degrees, 0.7 m wide at 1 m, 15 frames a second, undisturbed.
     pub fn new(name: Name, photograph: Photograph) -> CameraSettings {
+        let scene = PlaneScene::new(&photograph, 0.7, 1.0).expect("both lengths are positive");
+        CameraSettings::looking_at(name, scene.into())
+    }
+
+    /// The camera of a world at its start number `displacement`; the rest as in [`CameraSettings::new`].
+    pub fn of_world(name: Name, world: &World, displacement: u64) -> CameraSettings {
+        let start = motion::log(&(world.desired.inverse() * world.start_pose(displacement)));
+        let [x, y, z, a, b, c] = start;
+        let half_width_px = world.camera.width as f64 / 2.0;
+        CameraSettings {
+            width: world.camera.width,
+            height: world.camera.height,
+            horizontal_fov_rad: 2.0 * (half_width_px / world.camera.intrinsics.focal_px()[0]).atan(),
+            desired: world.desired,
+            displacement: [x, y, z, a.to_degrees(), b.to_degrees(), c.to_degrees()],
+            disturbance: world.disturbance.clone(),
+            ..CameraSettings::looking_at(name, world.scene.clone())
+        }
+    }
+
+    fn looking_at(name: Name, scene: Scene) -> CameraSettings {
         CameraSettings {
             name,
             frame_key: None,
@@ -133,9 +159,8 @@ impl CameraSettings {
             width: 512,
             height: 512,
             horizontal_fov_rad: 60.0_f64.to_radians(),
-            photograph,
-            photograph_width_m: 0.7,
-            distance_m: 1.0,
+            scene,
+            desired: Isometry3::identity(),
             displacement: EXPERIMENT_1,
             disturbance: Disturbance::default(),
             pixels: PixelPacking::default(),
@@ -156,13 +181,13 @@ impl CameraSettings {
     /// The camera in front of its scene, in lock-step; fails when any setting is impossible.
     pub fn simulation(&self) -> Result<Simulation, CameraSettingsError> {
         let Disturbance { noise_std, gain, offset, .. } = self.disturbance;
-        let (displacement, disturbance) = (self.displacement, self.disturbance);
+        let displacement = self.displacement;
         let finite = displacement.iter().chain(&[noise_std, gain, offset]).all(|number| number.is_finite());
         if !finite || noise_std < 0.0 {
-            return Err(CameraSettingsError::NotFinite { displacement, disturbance });
+            return Err(CameraSettingsError::NotFinite { displacement, noise_std, gain, offset });
         }
-        let scene = PlaneScene::new(&self.photograph, self.photograph_width_m, self.distance_m)?;
-        Ok(Simulation::new(scene, self.camera()?, displacement, disturbance))
+        let pose = self.desired * motion::displacement_to_pose(displacement);
+        Ok(Simulation::new(self.scene.clone(), self.camera()?, self.desired, pose, self.disturbance.clone()))
     }
 
     /// What the camera says of itself on the network; fails when the optics or the rate are impossible.

@@ -4,6 +4,7 @@ use super::spec::Table;
 use anyhow::Context;
 use domvs_proto::settings::Camera;
 use domvs_simulators::{Disturbance, Photograph, PinholeCamera, PlaneScene, Simulation, motion};
+use nalgebra::Isometry3;
 use serde::Deserialize;
 
 /// A camera where the run begins.
@@ -68,7 +69,8 @@ pub fn open(tables: &Table, seed: u64) -> anyhow::Result<World> {
     let StartTable { displacement } = table(tables, "start")?;
     let DisturbanceTable { noise_variance } = table(tables, "disturbance")?;
     let disturbance = Disturbance { noise_std: noise_variance.sqrt(), seed, ..Disturbance::default() };
-    let simulation = Simulation::new(scene, camera, displacement, disturbance);
+    let (desired, pose) = (Isometry3::identity(), motion::displacement_to_pose(displacement));
+    let simulation = Simulation::new(scene, camera, desired, pose, disturbance);
     let displacement = displacement_of(&simulation);
     Ok(World { simulation, camera: settings_camera(&camera), displacement })
 }

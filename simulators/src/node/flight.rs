@@ -151,9 +151,8 @@ impl Flight {
     fn look(&mut self, now: Instant) {
         let pose = *self.camera.pose();
         let capture_time_ns = unix_time_ns();
-        self.simulation.scene.render_into(&self.simulation.camera, &pose, &mut self.rendering);
+        self.simulation.capture_from(&pose, &mut self.rendering);
         let sequence = self.truth.captured + 1;
-        self.settings.disturbance.apply(&mut self.rendering.image, sequence);
         let (header, payload) =
             packet::pack(&self.rendering, self.settings.pixels, self.settings.depth, sequence, capture_time_ns);
         let due = now + self.settings.disturbance.latency;

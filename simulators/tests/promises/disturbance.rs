@@ -1,6 +1,6 @@
 //! Noise means what it says and can be made again; light is a line, clipped.
 
-use domvs_simulators::Disturbance;
+use domvs_simulators::{Disturbance, Shot};
 use domvs_vision::Plane;
 
 const SEED: u64 = 4;
@@ -11,7 +11,7 @@ fn gray() -> Plane<f32> {
 
 fn disturbed(disturbance: Disturbance, frame: u64) -> Plane<f32> {
     let mut image = gray();
-    disturbance.apply(&mut image, frame);
+    disturbance.apply_to_gray(&mut image, Shot::Current { image: 0 }, frame);
     image
 }
 

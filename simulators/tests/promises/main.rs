@@ -5,5 +5,7 @@ mod free_camera;
 mod motion;
 mod node;
 mod photographs;
+mod rasteriser;
 mod rendering;
 mod simulation;
+mod worlds;

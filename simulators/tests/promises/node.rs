@@ -253,7 +253,6 @@ async fn impossible_settings_are_refused() {
             ..settings()
         },
         CameraSettings { horizontal_fov_rad: 4.0, ..settings() },
-        CameraSettings { distance_m: 0.0, ..settings() },
         CameraSettings { displacement: [f64::NAN; 6], ..settings() },
     ] {
         assert!(CameraNode::open(config(&[]), keys(), settings).await.is_err());
