@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use crate::messages::ErrorCode;
 
 /// The largest JSON body that is read, in bytes.
-pub const MAX_JSON_BYTES: usize = 64 * 1024;
+pub const MAX_JSON_BYTES: usize = 1024 * 1024;
 
 /// The Encoding of every JSON body.
 pub const JSON: &str = "application/json";

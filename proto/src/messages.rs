@@ -136,6 +136,11 @@ pub struct StatusMessage {
     pub pixel_mse: Option<f64>,
     /// Feature error of the newest twist, √(e·e); null = none yet.
     pub feature_error_norm: Option<f64>,
+    /// How the light of the newest twist's frame differs from the target's, if it is estimated: gain (−0.3 is 30 % darker),
+    /// offset, the gain's slopes along x and y, the offset's slopes; null = not estimated.
+    pub light: Option<[f64; 6]>,
+    /// What the constant depth is multiplied by, if it is estimated; null = not estimated.
+    pub depth_scale: Option<f64>,
     /// Computation of the newest twist, µs.
     pub compute_us: u32,
     /// Since the task was created, s.
@@ -159,6 +164,8 @@ impl StatusMessage {
             order: 0,
             pixel_mse: None,
             feature_error_norm: None,
+            light: None,
+            depth_scale: None,
             compute_us: 0,
             uptime_s: 0.0,
         }

@@ -1,18 +1,23 @@
 //! Task settings: what a client may choose, with its default, its range and its unit in its name.
 //!
-//! `types` is the shape (`forms`: what JSON writes in two ways), `fields` the table of names, ranges and meanings,
+//! `types` is the shape (`methods`: the list of methods; `mask`: the PNG in it; `forms`: what JSON writes in two ways), `fields` the
+//! table of names, ranges and meanings,
 //! `patch` how JSON becomes settings, `validate` what must hold between the numbers. The table in `docs/protocol.md` is printed from `fields`.
 
 mod fields;
 mod forms;
+mod mask;
+mod methods;
 mod patch;
 mod types;
 mod validate;
 
 pub use fields::{FIELDS, Field, Range, table};
+pub use mask::{MAX_MASK_CHARACTERS, Mask};
+pub use methods::Method;
 pub use types::{
-    AdaptiveGain, Camera, Depth, Frames, Gain, Krawtchouk, KrawtchoukP, Lattice, Lease, Limits, Mask, Method,
-    OrderRange, Preprocess, Resize, Ros2, StepCap, Stop, TaskSettings, Window,
+    AdaptiveGain, Camera, Depth, DepthScale, Frames, Gain, Holes, Krawtchouk, KrawtchoukP, Lattice, Lease, Light,
+    Limits, NoiseFloor, OrderRange, Preprocess, Resize, Ros2, StepCap, Stop, TaskSettings, Window,
 };
 
 use crate::body::BodyError;

@@ -1,7 +1,7 @@
 //! The table of settings: path, range and meaning of each. `validate` reads the ranges, the docs print them.
 
 use self::Range::{Between, Words};
-use super::patch;
+use super::{methods, patch};
 
 /// What a setting may be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,7 +61,7 @@ const fn field(name: &'static str, range: Range, meaning: &'static str) -> Field
 
 /// Every setting, in the order of the JSON.
 pub const FIELDS: &[Field] = &[
-    field("method", Words("`hahn`, `krawtchouk`, `tchebichef`, `cosine`"), "what is compared between the images"),
+    field("method", Words(methods::WORDS), "what is compared between the images"),
     field(
         "window",
         Words("`\"adaptive\"`, `\"adaptive_paper\"`, `{\"fixed\": {\"a\", \"b\"}}`"),
@@ -75,10 +75,37 @@ pub const FIELDS: &[Field] = &[
         "place of the Krawtchouk window; ignored by the others",
     ),
     field("krawtchouk.lattice", Words("`paper`, `exact`"), "N + 1 points cut to N pixels, or N points"),
-    field("order", Words("a number, or `{\"min\", \"max\"}`"), "largest moment order, fixed or adaptive"),
+    field(
+        "gaussian_px",
+        Words("null, or 0.5 to 512"),
+        "standard deviation of the Gaussian mixture's blur; null: camera.width / 8; ignored by the others",
+    ),
+    field(
+        "order",
+        Words("a number, or `{\"min\", \"max\"}`"),
+        "largest moment order, fixed or adaptive; ignored by `photometric` and `gaussian_mixture`",
+    ),
     field("order.min", Between(1.0, 40.0), "order far from the target; at most `order.max`"),
     field("order.max", Between(1.0, 40.0), "order at the target; at most min(width, height) − 3"),
     field("epsilon", Between(1e-9, 1.0), "pixel error below which the order is `order.max`"),
+    field(
+        "noise_floor",
+        Words("`ignore`, `subtract`"),
+        "whether noise is subtracted from the pixel error in the order rule",
+    ),
+    field(
+        "light",
+        Words("`\"none\"`, `{…}`"),
+        "estimate how the light has changed since the target: gain, offset and their slopes; not all parts 0",
+    ),
+    field("light.gain_std", Between(0.0, 10.0), "how far the gain may go from frame to frame; 0.06 unless named"),
+    field("light.offset_std", Between(0.0, 10.0), "the same for the offset, gray in [0, 1]; 0.015 unless named"),
+    field(
+        "light.gain_slope_std",
+        Between(0.0, 10.0),
+        "the same for the gain's slope along each axis, centre to border; 0.05 unless named",
+    ),
+    field("light.offset_slope_std", Between(0.0, 10.0), "the same for the offset's slope; 0.015 unless named"),
     field(
         "gain",
         Words("null, `{\"step_fraction\"}`, `{\"per_s\"}`, `{\"adaptive\"}`"),
@@ -106,7 +133,7 @@ pub const FIELDS: &[Field] = &[
     ),
     field(
         "depth",
-        Words("`{\"constant_m\"}`, `\"map\"`, `{\"map\": {\"fallback_m\"}}`, `\"target\"`"),
+        Words("`{\"constant_m\"}`, `\"map\"`, `{\"map\": {\"fallback_m\", \"holes\"}}`, `\"target\"`"),
         "one depth for all; a depth plane in every frame; the target's plane for both images",
     ),
     field(
@@ -119,9 +146,24 @@ pub const FIELDS: &[Field] = &[
         Between(0.01, 1000.0),
         "what an unknown depth becomes; null: the frame's median, and `no_depth` over half unknown",
     ),
+    field(
+        "depth.map.holes",
+        Words("`fill`, `ignore`"),
+        "a pixel of unknown depth is filled and counts, or has no weight in either image; `fill` unless named",
+    ),
+    field(
+        "depth_scale",
+        Words("`given`, `estimate`"),
+        "whether a constant depth is right, or its scale is estimated on the way; moments under a fixed window only",
+    ),
     field("preprocess.invert", Words("true, false"), "1 − gray, when the object is darker than its surroundings"),
     field("preprocess.resize", Words("null"), "not supported by this version"),
-    field("preprocess.mask", Words("null"), "not supported by this version"),
+    field("preprocess.mask", Words("null, `{\"png_base64\"}`"), "which pixels count; null: all of them"),
+    field(
+        "preprocess.mask.png_base64",
+        Words("at most 786432 characters"),
+        "an 8-bit gray PNG of the camera's size: white counts, black is ignored, gray in between",
+    ),
     field("preprocess.undistort", Words("false"), "not supported by this version"),
     field("limits", Words("`{…}`, `\"none\"`"), "speed limits of every twist; accelerations on `command` only"),
     field("limits.linear_m_per_s", Between(1e-6, 10.0), "norm of the velocity"),

@@ -6,7 +6,7 @@
 
 use serde_json::{Map, Value};
 
-use super::{Camera, SettingsError, TaskSettings};
+use super::{Camera, Light, SettingsError, TaskSettings};
 use crate::body;
 
 /// Settings that are one of several forms: replaced, never merged.
@@ -58,6 +58,11 @@ pub(super) fn defaults() -> Value {
     defaults
 }
 
+/// The parts of a switch that is off by default, for a patch that names some of them.
+fn switched_on(key: &str) -> Option<Value> {
+    (key == "light").then(|| serde_json::to_value(Light::default()).expect("four numbers make JSON"))
+}
+
 fn merge_and_check(mut settings: Value, patch: &Map<String, Value>) -> Result<TaskSettings, SettingsError> {
     refuse_unsupported(patch)?;
     let defaults = defaults();
@@ -78,10 +83,11 @@ fn merged(key: &str, now: &Value, patch: &Value, default: Option<&Value>) -> Val
             patch.iter().filter(|(_, value)| !value.is_null()).map(|(k, v)| (k.clone(), v.clone())).collect()
         }
         Value::Object(patch) => {
-            let base = [Some(now), default].into_iter().flatten().find(|value| value.is_object());
+            let parts = default.filter(|value| value.is_object()).cloned().or_else(|| switched_on(key));
+            let base = [Some(now), parts.as_ref()].into_iter().flatten().find(|value| value.is_object());
             let mut base = base.and_then(Value::as_object).cloned().unwrap_or_default();
             for (inner, value) in patch {
-                let inner_default = default.and_then(|default| default.get(inner));
+                let inner_default = parts.as_ref().and_then(|parts| parts.get(inner));
                 let inner_now = base.get(inner).unwrap_or(&Value::Null);
                 base.insert(inner.clone(), merged("", inner_now, value, inner_default));
             }
@@ -95,14 +101,11 @@ fn merged(key: &str, now: &Value, patch: &Value, default: Option<&Value>) -> Val
 /// Names what the design knows and this version does not, before the typed reading calls it unknown.
 fn refuse_unsupported(patch: &Map<String, Value>) -> Result<(), SettingsError> {
     let refused = |what: String| Err(SettingsError::NotSupported { what });
-    if let Some(method @ ("photometric" | "gaussian_mixture")) = patch.get("method").and_then(Value::as_str) {
-        return refused(format!("method {method:?}"));
-    }
     let set = |value: Option<&Value>| value.is_some_and(|value| !value.is_null() && *value != Value::Bool(false));
     if set(patch.get("ros2")) {
         return refused("ros2".to_owned());
     }
-    for name in ["resize", "mask", "undistort"] {
+    for name in ["resize", "undistort"] {
         if set(patch.get("preprocess").and_then(|preprocess| preprocess.get(name))) {
             return refused(format!("preprocess.{name}"));
         }

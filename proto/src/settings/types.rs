@@ -5,36 +5,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::forms;
-
-/// What is compared between the images.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Method {
-    /// Hahn moments: a window `a`, `b`.
-    #[default]
-    Hahn,
-    /// Krawtchouk moments: a window around a point.
-    Krawtchouk,
-    /// Tchebichef moments: the whole image.
-    Tchebichef,
-    /// Discrete cosine moments: the whole image.
-    Cosine,
-}
-
-impl Method {
-    /// Every method of this version.
-    pub const ALL: [Method; 4] = [Method::Hahn, Method::Krawtchouk, Method::Tchebichef, Method::Cosine];
-
-    /// The word in JSON.
-    pub fn word(self) -> &'static str {
-        match self {
-            Method::Hahn => "hahn",
-            Method::Krawtchouk => "krawtchouk",
-            Method::Tchebichef => "tchebichef",
-            Method::Cosine => "cosine",
-        }
-    }
-}
+use super::mask::Mask;
+use super::methods::Method;
 
 /// The window of Hahn moments; other methods ignore it. For each axis, `[x, y]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -104,6 +76,38 @@ pub struct OrderRange {
 impl Default for OrderRange {
     fn default() -> OrderRange {
         OrderRange { min: 4, max: 16 }
+    }
+}
+
+/// Whether the order rule knows of the sensor's noise.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NoiseFloor {
+    /// The pixel error is taken as it is.
+    #[default]
+    Ignore,
+    /// What noise alone would make of it is subtracted, so that a noisy image too may reach the largest order.
+    Subtract,
+}
+
+/// How far the light may go from one frame to the next, with the target's light as its beginning: standard deviations
+/// of its estimate, for gray in [0, 1]. 0 holds a part still; not all are 0.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Light {
+    /// Of the factor of the gray values.
+    pub gain_std: f64,
+    /// Of what is added to them.
+    pub offset_std: f64,
+    /// Of the factor's slope along each axis, from the centre to the border.
+    pub gain_slope_std: f64,
+    /// Of the slope of what is added, likewise.
+    pub offset_slope_std: f64,
+}
+
+impl Default for Light {
+    fn default() -> Light {
+        Light { gain_std: 0.06, offset_std: 0.015, gain_slope_std: 0.05, offset_slope_std: 0.015 }
     }
 }
 
@@ -179,6 +183,9 @@ pub enum Depth {
         /// What an unknown depth becomes, m; without it the frame's median, and `no_depth` over half unknown.
         #[serde(default)]
         fallback_m: Option<f64>,
+        /// What becomes of pixels with unknown depth.
+        #[serde(default)]
+        holes: Holes,
     },
     /// The target's depth plane for both images; frames need none.
     Target,
@@ -190,25 +197,42 @@ impl Default for Depth {
     }
 }
 
+/// What becomes of pixels with unknown depth.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Holes {
+    /// Their depth is filled in, and they count.
+    #[default]
+    Fill,
+    /// They do not count, in either image.
+    Ignore,
+}
+
+/// Whether a constant depth is taken at its word.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DepthScale {
+    /// It is right.
+    #[default]
+    Given,
+    /// It is a guess: its scale is estimated from how the images answer to the motion.
+    Estimate,
+}
+
 /// A new image size. There is none in this version.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Resize {}
 
-/// Pixels to leave out. There is none in this version.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Mask {}
-
 /// What is done to every gray image first.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Preprocess {
     /// 1 − gray: the object should be brighter than its surroundings.
     pub invert: bool,
     /// Not supported by this version: null.
     pub resize: Option<Resize>,
-    /// Not supported by this version: null.
+    /// Which pixels count; none = all. It has the camera's size.
     pub mask: Option<Mask>,
     /// Not supported by this version: false.
     pub undistort: bool,
@@ -295,10 +319,17 @@ pub struct TaskSettings {
     pub window: Window,
     /// The Krawtchouk window.
     pub krawtchouk: Krawtchouk,
+    /// Standard deviation of the Gaussian mixture's blur, pixels; none = width / 8, see [`TaskSettings::gaussian_px`].
+    pub gaussian_px: Option<f64>,
     /// Moment orders.
     pub order: OrderRange,
     /// Pixel error below which the order is at its largest.
     pub epsilon: f64,
+    /// Whether the order rule knows of noise.
+    pub noise_floor: NoiseFloor,
+    /// How far the light may go; none = it is the target's. JSON: `"none"`.
+    #[serde(with = "forms::value_or_none")]
+    pub light: Option<Light>,
     /// How much of the step is taken; none = by the way each frame came, see
     /// [`TaskSettings::gain_for_requests`] and [`TaskSettings::gain_for_pushed_frames`].
     pub gain: Option<Gain>,
@@ -311,6 +342,8 @@ pub struct TaskSettings {
     pub camera: Camera,
     /// Where depth comes from.
     pub depth: Depth,
+    /// Whether a constant depth is right, or a guess.
+    pub depth_scale: DepthScale,
     /// What is done to every image first.
     pub preprocess: Preprocess,
     /// Speed and acceleration limits; none = unlimited. JSON: `"none"`.
@@ -343,13 +376,17 @@ impl TaskSettings {
             method: Method::default(),
             window: Window::default(),
             krawtchouk: Krawtchouk::default(),
+            gaussian_px: None,
             order: OrderRange::default(),
             epsilon: 1e-3,
+            noise_floor: NoiseFloor::default(),
+            light: None,
             gain: None,
             frame_period_s: 1.0 / 15.0,
             step_cap: Some(StepCap::default()),
             camera,
             depth: Depth::default(),
+            depth_scale: DepthScale::default(),
             preprocess: Preprocess::default(),
             limits: Some(Limits::default()),
             degrees_of_freedom: [true; 6],
@@ -362,6 +399,11 @@ impl TaskSettings {
             idle_close_s: 600,
             autostart: false,
         }
+    }
+
+    /// The Gaussian mixture's blur, or its default, pixels: an eighth of the width.
+    pub fn gaussian_px(&self) -> f64 {
+        self.gaussian_px.unwrap_or(f64::from(self.camera.width) / 8.0)
     }
 
     /// The gain for a frame that came with a request; half a step per frame by default.

@@ -2,12 +2,14 @@
 
 use super::fields::{self, Range};
 use super::{
-    Camera, Depth, Frames, Gain, KrawtchoukP, Limits, OrderRange, SettingsError, StepCap, Stop, TaskSettings, Window,
+    Camera, Depth, DepthScale, Frames, Gain, KrawtchoukP, Light, Limits, Method, OrderRange, SettingsError, StepCap,
+    Stop, TaskSettings, Window,
 };
 
 /// The longest bound key expression, bytes.
 const MAX_KEY_BYTES: usize = 512;
 
+const GAUSSIAN_PX: Range = Range::Between(0.5, 512.0);
 const KRAWTCHOUK_P: Range = Range::Between(0.001, 0.999);
 const DISTORTION: Range = Range::Between(-1000.0, 1000.0);
 const STOP_PIXEL_MSE: Range = Range::Between(1e-9, 1.0);
@@ -21,12 +23,18 @@ impl TaskSettings {
             each("krawtchouk.p", KRAWTCHOUK_P, &p)?;
         }
         check_camera(&self.camera)?;
+        within("gaussian_px", GAUSSIAN_PX, self.gaussian_px())?;
         check_order(self.order, &self.camera)?;
         check("epsilon", self.epsilon)?;
+        self.light.as_ref().map_or(Ok(()), check_light)?;
         check("frame_period_s", self.frame_period_s)?;
         self.gain.map_or(Ok(()), check_gain)?;
         self.step_cap.as_ref().map_or(Ok(()), check_step_cap)?;
         check_depth(self.depth)?;
+        self.check_depth_scale()?;
+        if let Some(mask) = &self.preprocess.mask {
+            mask.check([self.camera.width, self.camera.height])?;
+        }
         if self.preprocess.undistort {
             return Err(SettingsError::NotSupported { what: "preprocess.undistort".to_owned() });
         }
@@ -39,6 +47,24 @@ impl TaskSettings {
         self.check_watchdog()?;
         check("max_age_ms", f64::from(self.max_age_ms))?;
         check("idle_close_s", f64::from(self.idle_close_s))
+    }
+
+    /// The scale shows in how the moments of one constant depth, under one window, answer to the motion.
+    fn check_depth_scale(&self) -> Result<(), SettingsError> {
+        if self.depth_scale == DepthScale::Given {
+            return Ok(());
+        }
+        let needs = |what: String| contradiction(format!("depth_scale \"estimate\" needs {what}"));
+        let method = self.method.word();
+        match self.method {
+            _ if !matches!(self.depth, Depth::ConstantM(_)) => needs("a constant depth, {\"constant_m\"}".to_owned()),
+            _ if !self.method.is_of_moments() => needs(format!("a method of moments, got \"{method}\"")),
+            Method::Hahn if !matches!(self.window, Window::Fixed { .. }) => needs("a fixed window".to_owned()),
+            Method::Krawtchouk if self.krawtchouk.p == KrawtchoukP::Adaptive => {
+                needs("a fixed krawtchouk.p".to_owned())
+            }
+            _ => Ok(()),
+        }
     }
 
     fn check_watchdog(&self) -> Result<(), SettingsError> {
@@ -92,6 +118,19 @@ fn check_order(order: OrderRange, camera: &Camera) -> Result<(), SettingsError> 
     Ok(())
 }
 
+fn check_light(light: &Light) -> Result<(), SettingsError> {
+    check("light.gain_std", light.gain_std)?;
+    check("light.offset_std", light.offset_std)?;
+    check("light.gain_slope_std", light.gain_slope_std)?;
+    check("light.offset_slope_std", light.offset_slope_std)?;
+    if *light == (Light { gain_std: 0.0, offset_std: 0.0, gain_slope_std: 0.0, offset_slope_std: 0.0 }) {
+        return contradiction(
+            "light must leave one of its parts above 0, got none; \"none\" switches it off".to_owned(),
+        );
+    }
+    Ok(())
+}
+
 fn check_gain(gain: Gain) -> Result<(), SettingsError> {
     match gain {
         Gain::StepFraction(share) => check("gain.step_fraction", share),
@@ -119,8 +158,8 @@ fn check_step_cap(cap: &StepCap) -> Result<(), SettingsError> {
 fn check_depth(depth: Depth) -> Result<(), SettingsError> {
     match depth {
         Depth::ConstantM(depth_m) => check("depth.constant_m", depth_m),
-        Depth::Map { fallback_m: Some(depth_m) } => check("depth.map.fallback_m", depth_m),
-        Depth::Map { fallback_m: None } | Depth::Target => Ok(()),
+        Depth::Map { fallback_m: Some(depth_m), .. } => check("depth.map.fallback_m", depth_m),
+        Depth::Map { fallback_m: None, .. } | Depth::Target => Ok(()),
     }
 }
 

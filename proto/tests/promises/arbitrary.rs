@@ -64,7 +64,8 @@ fn twist() -> impl Strategy<Value = TwistMessage> {
 
 /// JSON that resembles settings: their names, their words, and nonsense.
 fn json_like_settings() -> impl Strategy<Value = Value> {
-    let words = ["hahn", "adaptive", "map", "target", "none", "requests", "pushed", "client", "x"];
+    let words =
+        ["hahn", "adaptive", "map", "target", "none", "requests", "pushed", "client", "estimate", "photometric", "x"];
     let leaf = prop_oneof![
         Just(Value::Null),
         any::<bool>().prop_map(Value::from),

@@ -15,8 +15,8 @@ use domvs_proto::messages::{
     TargetReference, TaskState, WorkerInfo,
 };
 use domvs_proto::settings::{
-    AdaptiveGain, Camera, Depth, Frames, Gain, Krawtchouk, KrawtchoukP, Lattice, Lease, Limits, Method, OrderRange,
-    Preprocess, Stop, TaskSettings, Window,
+    AdaptiveGain, Camera, Depth, DepthScale, Frames, Gain, Holes, Krawtchouk, KrawtchoukP, Lattice, Lease, Light,
+    Limits, Mask, Method, NoiseFloor, OrderRange, Preprocess, Stop, TaskSettings, Window,
 };
 use domvs_proto::status::Status;
 use domvs_proto::twist::{TwistFlags, TwistMessage};
@@ -65,19 +65,31 @@ fn camera() -> Camera {
     }
 }
 
+/// The mask of the golden settings begins as every PNG does; its pixels are the service's business.
+fn mask() -> Mask {
+    let settings: Value = serde_json::from_str(&golden("settings.json")).unwrap();
+    let mask: Mask = serde_json::from_value(settings["preprocess"]["mask"].clone()).unwrap();
+    assert!(mask.png.starts_with(b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0\0\x02\x80\0\0\x01\xe0\x08\0"), "{mask:?}");
+    mask
+}
+
 fn settings() -> TaskSettings {
     TaskSettings {
         method: Method::Krawtchouk,
         window: Window::Fixed { a: [6.0, 4.0], b: [5.0, 5.0] },
         krawtchouk: Krawtchouk { p: KrawtchoukP::Fixed([0.4, 0.6]), lattice: Lattice::Paper },
+        gaussian_px: Some(16.0),
         order: OrderRange { min: 8, max: 8 },
         epsilon: 0.002,
+        noise_floor: NoiseFloor::Subtract,
+        light: Some(Light { gain_std: 0.25, offset_std: 0.125, gain_slope_std: 0.5, offset_slope_std: 0.0625 }),
         gain: Some(Gain::Adaptive(AdaptiveGain { at_zero: 4.0, at_infinity: 0.4, slope_at_zero: 30.0 })),
         frame_period_s: 0.04,
         step_cap: None,
         camera: camera(),
-        depth: Depth::Map { fallback_m: Some(0.9) },
-        preprocess: Preprocess { invert: true, ..Preprocess::default() },
+        depth: Depth::Map { fallback_m: Some(0.9), holes: Holes::Ignore },
+        depth_scale: DepthScale::Given,
+        preprocess: Preprocess { invert: true, mask: Some(mask()), ..Preprocess::default() },
         limits: Some(Limits {
             linear_m_per_s: 0.1,
             angular_rad_per_s: 0.3,
@@ -214,6 +226,8 @@ fn status_message_is_as_printed() {
         order: 12,
         pixel_mse: Some(0.0609571),
         feature_error_norm: Some(15.75),
+        light: Some([-0.25, 0.0625, 0.125, 0.0, 0.03125, 0.0]),
+        depth_scale: Some(1.5),
         compute_us: 2345,
         uptime_s: 9.5,
         ..StatusMessage::new(task(), Status::BadFrame, 65_578)

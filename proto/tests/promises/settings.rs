@@ -4,8 +4,8 @@
 
 use domvs_proto::messages::ErrorCode;
 use domvs_proto::settings::{
-    AdaptiveGain, Camera, Depth, FIELDS, Frames, Gain, KrawtchoukP, Limits, OrderRange, Range, SettingsError, StepCap,
-    TaskSettings, Window,
+    AdaptiveGain, Camera, Depth, DepthScale, FIELDS, Frames, Gain, Holes, KrawtchoukP, Light, Limits,
+    MAX_MASK_CHARACTERS, Mask, Method, NoiseFloor, OrderRange, Range, SettingsError, StepCap, TaskSettings, Window,
 };
 use serde_json::{Value, json};
 
@@ -63,11 +63,13 @@ fn every_number_is_held_to_its_documented_range() {
 #[test]
 fn numbers_that_are_not_finite_are_refused() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        let bent: [fn(&mut TaskSettings, f64); 14] = [
+        let bent: [fn(&mut TaskSettings, f64); 16] = [
             |s, x| s.epsilon = x,
             |s, x| s.frame_period_s = x,
             |s, x| s.window = Window::Fixed { a: [8.0, x], b: [8.0; 2] },
             |s, x| s.window = Window::Fixed { a: [8.0; 2], b: [x, 8.0] },
+            |s, x| s.gaussian_px = Some(x),
+            |s, x| s.light = Some(Light { offset_slope_std: x, ..Light::default() }),
             |s, x| s.krawtchouk.p = KrawtchoukP::Fixed([0.5, x]),
             |s, x| s.gain = Some(Gain::StepFraction(x)),
             |s, x| s.gain = Some(Gain::PerS(x)),
@@ -113,7 +115,9 @@ fn unknown_fields_are_refused_everywhere() {
         "camera.x",
         "depth.x",
         "depth.map.x",
+        "light.x",
         "preprocess.x",
+        "preprocess.mask.x",
         "limits.x",
         "stop.x",
         "frames.x",
@@ -174,13 +178,21 @@ fn gain_is_by_the_way_each_frame_comes_unless_set() {
 fn depth_has_four_forms() {
     let depth = |value: Value| created(json!({ "depth": value })).map(|settings| settings.depth);
     assert_eq!(depth(json!({ "constant_m": 0.8 })).unwrap(), Depth::ConstantM(0.8));
-    assert_eq!(depth(json!("map")).unwrap(), Depth::Map { fallback_m: None });
-    assert_eq!(depth(json!({ "map": { "fallback_m": null } })).unwrap(), Depth::Map { fallback_m: None });
-    assert_eq!(depth(json!({ "map": { "fallback_m": 2.0 } })).unwrap(), Depth::Map { fallback_m: Some(2.0) });
+    let map = |fallback_m, holes| Depth::Map { fallback_m, holes };
+    assert_eq!(depth(json!("map")).unwrap(), map(None, Holes::Fill));
+    assert_eq!(depth(json!({ "map": { "fallback_m": null } })).unwrap(), map(None, Holes::Fill));
+    assert_eq!(depth(json!({ "map": { "fallback_m": 2.0 } })).unwrap(), map(Some(2.0), Holes::Fill));
+    assert_eq!(depth(json!({ "map": { "holes": "ignore" } })).unwrap(), map(None, Holes::Ignore));
     assert_eq!(depth(json!("target")).unwrap(), Depth::Target);
-    for bad in
-        [json!("constant_m"), json!(1.0), json!({ "constant_m": 0 }), json!({ "map": { "fallback_m": -1 } }), json!({})]
-    {
+    for bad in [
+        json!("constant_m"),
+        json!(1.0),
+        json!({ "constant_m": 0 }),
+        json!({ "map": { "fallback_m": -1 } }),
+        json!({ "map": { "holes": "guess" } }),
+        json!({ "holes": "ignore" }),
+        json!({}),
+    ] {
         assert!(depth(bad.clone()).is_err(), "{bad}");
     }
 }
@@ -198,6 +210,117 @@ fn window_and_krawtchouk_take_a_number_or_a_pair() {
         assert!(p(bad.clone()).is_err(), "{bad}");
     }
     assert!(created(json!({ "window": { "fixed": { "a": 6 } } })).is_err());
+}
+
+#[test]
+fn every_method_is_chosen_by_its_word() {
+    for method in Method::ALL {
+        assert_eq!(created(json!({ "method": method.word() })).unwrap().method, method);
+        assert_eq!(json!(method), json!(method.word()));
+    }
+    assert!(created(json!({ "method": "Photometric" })).is_err());
+}
+
+#[test]
+fn the_gaussian_is_an_eighth_of_the_width_unless_set() {
+    assert_eq!(defaults().gaussian_px(), 80.0);
+    assert_eq!(created(json!({ "gaussian_px": 16 })).unwrap().gaussian_px(), 16.0);
+    for bad in [json!(0.4), json!(513), json!("wide"), json!([16, 16])] {
+        assert!(created(json!({ "gaussian_px": bad })).is_err(), "{bad}");
+    }
+}
+
+#[test]
+fn light_is_none_or_four_deviations_of_which_each_has_a_default() {
+    assert_eq!(defaults().light, None);
+    let on = patched(json!({ "light": {} })).unwrap();
+    assert_eq!(on.light, Some(Light::default()));
+    let wide = json!({ "light": { "gain_std": 0.3 } });
+    let widened = Some(Light { gain_std: 0.3, ..Light::default() });
+    assert_eq!((created(wide.clone()).unwrap().light, on.merge_patch(&wide).unwrap().light), (widened, widened));
+    let narrow = json!({ "light": { "gain_std": null, "offset_std": 0.5 } });
+    let narrowed = Light { offset_std: 0.5, ..Light::default() };
+    assert_eq!(on.merge_patch(&wide).unwrap().merge_patch(&narrow).unwrap().light, Some(narrowed));
+    for none in [json!(null), json!("none")] {
+        assert_eq!(on.merge_patch(&json!({ "light": none })).unwrap(), defaults());
+    }
+    for bad in [
+        json!("on"),
+        json!(true),
+        json!({ "gain_std": -1 }),
+        json!({ "gain_std": 0, "offset_std": 0, "gain_slope_std": 0, "offset_slope_std": 0 }),
+        json!({ "gain": 0.1 }),
+    ] {
+        assert!(created(json!({ "light": bad })).is_err(), "{bad}");
+    }
+}
+
+#[test]
+fn depth_scale_is_estimated_for_moments_of_a_constant_depth_under_a_fixed_window_only() {
+    let estimate = |more: Value| {
+        let mut change = json!({ "depth_scale": "estimate" });
+        change.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        created(change)
+    };
+    for good in [
+        json!({ "method": "cosine", "window": "adaptive" }),
+        json!({ "method": "krawtchouk", "krawtchouk": { "p": 0.5 } }),
+    ] {
+        assert!(estimate(good.clone()).is_ok(), "{good}");
+    }
+    assert_eq!(estimate(json!({})).unwrap().depth_scale, DepthScale::Estimate);
+    assert_eq!(created(json!({ "noise_floor": "subtract" })).unwrap().noise_floor, NoiseFloor::Subtract);
+    for (more, words) in [
+        (json!({ "depth": "map" }), "needs a constant depth"),
+        (json!({ "depth": "target" }), "needs a constant depth"),
+        (json!({ "window": "adaptive" }), "a fixed window"),
+        (json!({ "method": "krawtchouk" }), "a fixed krawtchouk.p"),
+        (json!({ "method": "photometric" }), "a method of moments, got \"photometric\""),
+        (json!({ "method": "gaussian_mixture" }), "a method of moments, got \"gaussian_mixture\""),
+    ] {
+        let error = estimate(more).unwrap_err();
+        assert!(error.to_string().contains(words) && error.code() == ErrorCode::BadSettings, "{error}");
+    }
+}
+
+/// The first bytes of a PNG of this size, bit depth and colour type, then zeros.
+fn png_like(size: [u32; 2], bit_depth: u8, color_type: u8, bytes: usize) -> Mask {
+    let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR".to_vec();
+    png.extend(size.iter().flat_map(|side| side.to_be_bytes()));
+    png.extend([bit_depth, color_type]);
+    png.resize(bytes, 0);
+    Mask { png }
+}
+
+#[test]
+fn a_mask_is_a_gray_png_of_the_cameras_size_and_no_larger_than_a_body_can_carry() {
+    let masked = |mask: &Mask| patched(json!({ "preprocess": { "mask": mask } }));
+    let mask = png_like([640, 480], 8, 0, 60);
+    let settings = masked(&mask).unwrap();
+    assert_eq!(settings.preprocess.mask, Some(mask.clone()));
+    assert_eq!(settings.merge_patch(&json!({ "preprocess": { "mask": null } })).unwrap(), defaults());
+
+    let most = MAX_MASK_CHARACTERS / 4 * 3;
+    let largest = masked(&png_like([640, 480], 8, 0, most)).unwrap();
+    assert_eq!(TaskSettings::from_create_body(&domvs_proto::body::write(&largest)).unwrap(), largest);
+    for (mask, words) in [
+        (png_like([640, 480], 8, 0, most + 1), "at most 786432 characters, got 786436"),
+        (png_like([640, 479], 8, 0, 60), "640x480 pixels of the camera, got 640x479"),
+        (png_like([640, 480], 1, 0, 60), "8 bits of gray (colour type 0), got 1 bits of colour type 0"),
+        (png_like([640, 480], 8, 2, 60), "got 8 bits of colour type 2"),
+        (png_like([640, 480], 8, 0, 25), "these 25 bytes are none"),
+        (Mask { png: vec![] }, "these 0 bytes are none"),
+        (Mask { png: b"GIF89a".to_vec() }, "these 6 bytes are none"),
+    ] {
+        let error = masked(&mask).unwrap_err();
+        assert!(error.to_string().contains(words) && error.code() == ErrorCode::BadSettings, "{error}");
+    }
+    let other_camera = settings.merge_patch(&json!({ "camera": { "width": 320 } })).unwrap_err();
+    assert!(other_camera.to_string().contains("320x480 pixels of the camera, got 640x480"), "{other_camera}");
+    for bad in [json!("x"), json!({}), json!({ "png_base64": "====" }), json!({ "png_base64": 1 })] {
+        let error = patched(json!({ "preprocess": { "mask": bad } })).unwrap_err();
+        assert!(error.to_string().starts_with("preprocess: "), "{error}");
+    }
 }
 
 #[test]
@@ -295,11 +418,8 @@ fn the_settings_that_are_answered_can_be_sent_back() {
 #[test]
 fn what_later_versions_bring_is_refused_by_name() {
     for (later, what) in [
-        (json!({ "method": "photometric" }), "method \"photometric\""),
-        (json!({ "method": "gaussian_mixture" }), "method \"gaussian_mixture\""),
         (json!({ "ros2": { "topic": "/cmd" } }), "ros2"),
         (json!({ "preprocess": { "resize": { "width": 320, "height": 240 } } }), "preprocess.resize"),
-        (json!({ "preprocess": { "mask": "x" } }), "preprocess.mask"),
         (json!({ "preprocess": { "undistort": true } }), "preprocess.undistort"),
         (json!({ "frames": { "franka_cam": "wrist" } }), "frames \"franka_cam\""),
         (json!({ "frames": { "ros2": "/camera" } }), "frames \"ros2\""),
