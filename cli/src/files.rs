@@ -4,9 +4,11 @@
 
 mod depth;
 mod gray;
+mod mask;
 
 pub use depth::{DepthFile, read_depth};
 pub use gray::read_gray;
+pub use mask::mask_png;
 
 use std::io::Cursor;
 use std::path::Path;

@@ -4,6 +4,7 @@
 //! Ranges that depend on the images (the largest order, say) are left to the crate that knows them.
 
 mod depth;
+mod method;
 mod network;
 mod scene;
 mod servo;
@@ -11,55 +12,15 @@ mod view;
 mod window;
 
 pub use depth::DepthSource;
+pub use method::MethodOption;
 pub use network::NetworkOptions;
-pub use scene::{DisplacementOption, LightOption, SceneOptions, SizeOption};
+pub use scene::{DisplacementOption, LightChangeOption, SceneOptions, SizeOption};
 pub use servo::{FeatureOptions, ServoOptions};
 pub use view::{CameraOption, DepthOption};
 pub use window::{KrawtchoukOption, LatticeOption, WindowOption};
 
 use std::fmt;
 use std::str::FromStr;
-
-use clap::ValueEnum;
-use domvs_vision::Method;
-
-/// `--method`: the orthogonal polynomials that make the moments.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum MethodOption {
-    /// Hahn polynomials, under a window that may move with the object
-    #[default]
-    Hahn,
-    /// Krawtchouk polynomials: a narrow window around the object, for small displacements
-    Krawtchouk,
-    /// Tchebichef polynomials: the whole image, evenly
-    Tchebichef,
-    /// Cosines: the whole image, evenly
-    Cosine,
-}
-
-impl MethodOption {
-    /// The word on the command line and on the wire.
-    pub fn word(self) -> &'static str {
-        domvs_proto::settings::Method::from(self).word()
-    }
-}
-
-impl fmt::Display for MethodOption {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.word())
-    }
-}
-
-impl From<MethodOption> for Method {
-    fn from(method: MethodOption) -> Method {
-        match method {
-            MethodOption::Hahn => Method::Hahn,
-            MethodOption::Krawtchouk => Method::Krawtchouk,
-            MethodOption::Tchebichef => Method::Tchebichef,
-            MethodOption::Cosine => Method::Cosine,
-        }
-    }
-}
 
 /// `--order N` or `--order MIN..MAX`, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,6 +95,8 @@ pub fn numbers(text: &str) -> Option<Vec<f64>> {
 
 #[cfg(test)]
 mod tests {
+    use clap::ValueEnum;
+
     use super::*;
 
     #[test]

@@ -8,6 +8,7 @@ use domvs_proto::status::Status;
 use domvs_proto::twist::TwistMessage;
 
 use crate::Moment;
+use crate::task::Estimates;
 
 /// `status` is repeated this often when nothing changes: 2 Hz.
 const STATUS_PERIOD: Duration = Duration::from_millis(500);
@@ -72,12 +73,18 @@ impl Board {
         self.message.sequence = answer.sequence;
         self.message.compute_us = answer.compute_us;
         self.message.twists = iterations;
-        if answer.order > 0 {
+        if answer.features > 0 {
             self.message.order = answer.order;
             self.message.pixel_mse = finite(answer.pixel_mse);
             self.message.feature_error_norm = finite(answer.feature_error_norm);
         }
         self.say(answer.status, detail);
+    }
+
+    /// Notes what the law has found out besides the twist.
+    pub fn estimated(&mut self, estimates: Estimates) {
+        self.message.light = estimates.light;
+        self.message.depth_scale = estimates.depth_scale;
     }
 
     /// Notes that the outlet sent zeros instead of the answer.
@@ -145,7 +152,13 @@ mod tests {
     #[test]
     fn a_refused_frame_is_counted_by_its_reason_and_keeps_the_last_numbers() {
         let mut board = board();
-        let good = TwistMessage { order: 6, pixel_mse: 0.25, sequence: 3, ..TwistMessage::zero(Status::Servoing) };
+        let good = TwistMessage {
+            order: 6,
+            features: 28,
+            pixel_mse: 0.25,
+            sequence: 3,
+            ..TwistMessage::zero(Status::Servoing)
+        };
         board.answered(&good, 1, None);
         board.answered(&TwistMessage::zero(Status::BadFrame), 1, Some("expected 4x4 pixels"));
         let message = board.due(ms(0)).expect("a change");

@@ -24,7 +24,7 @@ use domvs_proto::frame::{self, DepthFormat, FrameError, FrameHeader, FrameLayout
 use domvs_vision::Plane;
 
 use self::compressed::Codec;
-pub use self::preprocess::invert;
+pub use self::preprocess::{invert, weights};
 
 /// What one frame may cost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -51,8 +51,11 @@ impl Desk {
             received: request.received,
             route: Route::Requested,
         };
-        let answer = self.compute(&mut lock(&self.task), &frame);
-        let answer = if answer.is_servoing() { self.in_time(answer, request, &header) } else { answer };
+        let mut answer = self.compute(&mut lock(&self.task), &frame);
+        if answer.is_servoing() {
+            answer = self.in_time(answer, request, &header);
+            lock(&self.task).told(Twist::from_array(answer.twist));
+        }
         self.reply_twist(query, answer);
         self.record(&frame, query.payload(), &self.shared.keys.twist(&self.key), &answer);
     }
@@ -89,6 +92,9 @@ impl Desk {
         };
         let sent = lock(&self.outlet).send(answer, pushed.received, self.shared.now());
         task.commanded(Twist::from_array(sent.twist));
+        if answer.is_servoing() {
+            task.told(Twist::from_array(sent.twist));
+        }
         drop(task);
         if sent.status != answer.status {
             lock(&self.board).overruled(&sent);
@@ -128,7 +134,9 @@ impl Desk {
         answer.epoch = self.epoch;
         answer.queue_us = micros(begin.saturating_sub(frame.received));
         answer.compute_us = micros(self.shared.now().saturating_sub(begin));
-        lock(&self.board).answered(&answer, task.iterations(), task.detail());
+        let mut board = lock(&self.board);
+        board.answered(&answer, task.iterations(), task.detail());
+        board.estimated(task.estimates());
         answer
     }
 

@@ -2,13 +2,15 @@
 
 use domvs_proto::settings::{self, TaskSettings};
 use domvs_vision::{
-    CameraError, Gain, Intrinsics, KrawtchoukP, Lattice, Law, Method, OrderError, OrderRule, StepCap, Window,
+    CameraError, DepthScale, Gain, Gaussian, GaussianForm, Holes, Intrinsics, KrawtchoukP, Lattice, Law, LightPrior,
+    Method, NoiseFloor, OrderError, OrderRule, StepCap, Window,
 };
 
 use crate::governor::AccelerationLimits;
 use crate::task::Route;
 
-/// The law that these settings describe. Fails where the law is stricter than the checked settings.
+/// The law that these settings describe, for frames that come with requests. The gaussian mixture has its fast form.
+/// Fails where the law is stricter than the checked settings.
 pub fn law(settings: &TaskSettings) -> Result<Law, OrderError> {
     let order = OrderRule::new(usize::from(settings.order.min), usize::from(settings.order.max), settings.epsilon)?;
     Ok(Law {
@@ -28,7 +30,20 @@ pub fn law(settings: &TaskSettings) -> Result<Law, OrderError> {
             .step_cap
             .map(|cap| StepCap { translation_m: cap.translation_m, rotation_rad: cap.rotation_rad }),
         degrees_of_freedom: settings.degrees_of_freedom,
-        ..Law::default()
+        gaussian: Gaussian { extent_px: settings.gaussian_px(), form: GaussianForm::Fast },
+        light: settings.light.map(light_prior),
+        noise_floor: match settings.noise_floor {
+            settings::NoiseFloor::Ignore => NoiseFloor::Ignored,
+            settings::NoiseFloor::Subtract => NoiseFloor::Subtracted,
+        },
+        depth_scale: match settings.depth_scale {
+            settings::DepthScale::Given => DepthScale::Given,
+            settings::DepthScale::Estimate => DepthScale::Estimated,
+        },
+        holes: match settings.depth {
+            settings::Depth::Map { holes: settings::Holes::Ignore, .. } => Holes::Ignored,
+            _ => Holes::Filled,
+        },
     })
 }
 
@@ -45,12 +60,25 @@ pub fn acceleration_limits(settings: &TaskSettings) -> Option<AccelerationLimits
     })
 }
 
-fn method(method: settings::Method) -> Method {
+/// The method of this word.
+pub fn method(method: settings::Method) -> Method {
     match method {
         settings::Method::Hahn => Method::Hahn,
         settings::Method::Krawtchouk => Method::Krawtchouk,
         settings::Method::Tchebichef => Method::Tchebichef,
         settings::Method::Cosine => Method::Cosine,
+        settings::Method::Photometric => Method::Photometric,
+        settings::Method::GaussianMixture => Method::GaussianMixture,
+    }
+}
+
+/// How far the light may go.
+pub fn light_prior(light: settings::Light) -> LightPrior {
+    LightPrior {
+        gain: light.gain_std,
+        offset: light.offset_std,
+        gain_slope: light.gain_slope_std,
+        offset_slope: light.offset_slope_std,
     }
 }
 

@@ -21,7 +21,7 @@ mod age;
 
 pub mod decode;
 
-mod law;
+pub mod law;
 
 pub mod screen;
 

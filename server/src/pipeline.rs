@@ -16,7 +16,7 @@ use crate::governor::limit_speed;
 use crate::law::gain;
 use crate::life::Progress;
 use crate::screen::{FLAT_BELOW, contrast};
-use crate::task::{Frame, Route, Task};
+use crate::task::{Estimates, Frame, Route, Task, Told};
 
 /// Why a frame moves nothing: the status, and the numbers behind it.
 struct Refusal {
@@ -48,6 +48,7 @@ pub fn on_frame(task: &mut Task, frame: &Frame<'_>, now: Moment) -> TwistMessage
         Ok(twist) => {
             answer.status = Status::Servoing;
             answer.twist = twist.to_array();
+            task.told(twist);
             task.detail = None;
         }
         Err(refusal) => {
@@ -95,11 +96,16 @@ fn compute(task: &mut Task, frame: &Frame<'_>, now: Moment, answer: &mut TwistMe
         .servo
         .set_gain(gain(&task.settings, frame.route))
         .map_err(|error| Refusal::because(Status::Internal, error))?;
+    if let Some(displacement) = displacement(target.told.take(), frame, task.settings.frame_period_s) {
+        target.servo.moved(displacement);
+    }
     let step = target
         .servo
         .step(View { image, depth: &target.depth })
         .map_err(|error| Refusal::because(Status::BadFrame, error))?;
-    note(answer, &step, current_filled || target.filled);
+    target.told = Some(Told { twist: Twist::ZERO, received: frame.received });
+    task.estimates = estimates(&step, &task.settings);
+    note(answer, &step, current_filled || target.filled || task.estimates.depth_scale.is_some());
     if step.rank_deficient {
         let detail = format!("the image fixes {} of the free degrees of freedom", step.rank);
         return Err(Refusal::because(Status::RankDeficient, detail));
@@ -170,7 +176,7 @@ fn check_texture(image: &Plane<f32>) -> Result<(), Refusal> {
 
 /// Brings the current view's depth up to date; says whether any of it was filled in.
 fn update_depth(depth: &mut Depth<f32>, settings: &TaskSettings, plane: Option<&Plane<f32>>) -> Result<bool, Refusal> {
-    let settings::Depth::Map { fallback_m } = settings.depth else {
+    let settings::Depth::Map { fallback_m, .. } = settings.depth else {
         return Ok(false);
     };
     let no_depth = |detail: String| Refusal::because(Status::NoDepth, detail);
@@ -192,6 +198,23 @@ fn update_depth(depth: &mut Depth<f32>, settings: &TaskSettings, plane: Option<&
         return Err(no_depth(format!("the depth of {unknown} of {pixels} pixels is unknown, more than half")));
     }
     Ok(unknown > 0)
+}
+
+/// What the camera was told to do between the last step and this frame: metres and radians. Nothing is known of a camera
+/// whose pushed frame did not come about one period later: the twist was meant to last until then, and no longer.
+fn displacement(told: Option<Told>, frame: &Frame<'_>, frame_period_s: f64) -> Option<[f64; 6]> {
+    let told = told?;
+    let periods = frame.received.saturating_sub(told.received).as_secs_f64() / frame_period_s;
+    match frame.route {
+        Route::Pushed if !(0.5..=1.5).contains(&periods) => None,
+        Route::Pushed | Route::Requested => Some(told.twist.to_array().map(|speed| speed * frame_period_s)),
+    }
+}
+
+fn estimates(step: &Step, settings: &TaskSettings) -> Estimates {
+    let estimated = settings.depth_scale == settings::DepthScale::Estimate;
+    // The law multiplies the inverse.
+    Estimates { light: step.light, depth_scale: estimated.then(|| 1.0 / step.depth_scale) }
 }
 
 fn note(answer: &mut TwistMessage, step: &Step, depth_filled: bool) {

@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use crate::Moment;
 use crate::age::AgeEstimator;
-use crate::decode::{DecodeLimits, Decoder, invert};
+use crate::decode::{DecodeLimits, Decoder, invert, weights};
 use crate::law::{intrinsics, law};
 use crate::life::Life;
 use crate::screen::{FLAT_BELOW, FreezeDetector, contrast};
@@ -54,6 +54,16 @@ pub struct Task {
     /// The numbers behind the last refusal.
     pub(crate) detail: Option<String>,
     pub(crate) sequence: u64,
+    pub(crate) estimates: Estimates,
+}
+
+/// What the law has found out about the world besides the twist, as `status` says it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Estimates {
+    /// How the light differs from the target's: gain, offset, the gain's slopes, the offset's slopes.
+    pub light: Option<[f64; 6]>,
+    /// What the constant depth is multiplied by.
+    pub depth_scale: Option<f64>,
 }
 
 /// What was set, and the law made for it.
@@ -65,7 +75,16 @@ pub(crate) struct Target {
     pub(crate) filled: bool,
     /// A depth typical of the scene, metres: turns a speed into pixels.
     pub(crate) typical_depth_m: f64,
+    /// What the camera was told after the last step.
+    pub(crate) told: Option<Told>,
     sent: SentTarget,
+}
+
+/// A twist that went out, and when the frame it answers came.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Told {
+    pub(crate) twist: Twist,
+    pub(crate) received: Moment,
 }
 
 /// A target as its client sent it, without the secret.
@@ -103,6 +122,7 @@ impl Task {
             freeze: FreezeDetector::default(),
             detail: None,
             sequence: 0,
+            estimates: Estimates::default(),
         }
     }
 
@@ -146,6 +166,18 @@ impl Task {
         self.life.iterations()
     }
 
+    /// What the law has found out so far.
+    pub fn estimates(&self) -> Estimates {
+        self.estimates
+    }
+
+    /// Notes the twist that really went out for the frame answered last, which was good; until then its answer stands.
+    pub fn told(&mut self, twist: Twist) {
+        if let Some(told) = self.target.as_mut().and_then(|target| target.told.as_mut()) {
+            told.twist = twist;
+        }
+    }
+
     /// Notes the twist that really went out on `command` after a pushed frame.
     pub fn commanded(&mut self, twist: Twist) {
         self.freeze.commanded(twist);
@@ -155,8 +187,12 @@ impl Task {
     pub fn control(&mut self, control: Control) -> Result<Status, ErrorReply> {
         match self.life.control(control) {
             Ok(forget_initial) => {
-                if let (true, Some(target)) = (forget_initial, self.target.as_mut()) {
-                    target.servo.restart();
+                if let Some(target) = self.target.as_mut() {
+                    // Nobody knows how the camera was moved while the task stood.
+                    target.told = None;
+                    if forget_initial {
+                        target.servo.restart();
+                    }
                 }
                 // What stood still before this word proves nothing about the camera after it.
                 self.freeze = FreezeDetector::default();
@@ -190,6 +226,7 @@ impl Task {
             size: [0, 0],
         };
         self.target = Some(self.make_target(sent, &self.settings.clone())?);
+        self.estimates = Estimates::default();
         self.life.target_set();
         self.freeze = FreezeDetector::default();
         self.detail = None;
@@ -206,6 +243,7 @@ impl Task {
         }
         if let Some(target) = self.target.as_ref().filter(|_| needs_new_law(&self.settings, &settings)) {
             self.target = Some(self.make_target(target.sent.clone(), &settings)?);
+            self.estimates = Estimates::default();
             self.life.law_changed();
         }
         self.settings = settings;
@@ -243,8 +281,12 @@ impl Task {
         let law = law(settings).map_err(|error| bad(&error))?;
         let intrinsics = intrinsics(&camera).map_err(|error| bad(&error))?;
         let view = View { image: &image, depth: &depth };
-        let servo = Servo::new(law, intrinsics, view).map_err(|error| bad(&error))?;
-        Ok(Target { servo, typical_depth_m: typical_depth_m(&depth), depth, filled, sent })
+        let mut servo = Servo::new(law, intrinsics, view).map_err(|error| bad(&error))?;
+        if let Some(mask) = &settings.preprocess.mask {
+            let weights = weights(mask, self.limits).map_err(|error| bad(&format!("preprocess.mask: {error}")))?;
+            servo.set_mask(Some(&weights)).map_err(|error| bad(&format!("preprocess.mask: {error}")))?;
+        }
+        Ok(Target { servo, typical_depth_m: typical_depth_m(&depth), depth, filled, told: None, sent })
     }
 
     /// What a pushed frame's silence is judged by.
@@ -273,7 +315,7 @@ fn needs_new_law(now: &TaskSettings, then: &TaskSettings) -> bool {
 fn target_depth(source: settings::Depth, plane: Option<&Plane<f32>>) -> Result<(Depth<f32>, bool), String> {
     let fallback_m = match source {
         settings::Depth::ConstantM(depth_m) => return Ok((Depth::Constant { depth_m }, false)),
-        settings::Depth::Map { fallback_m } => fallback_m,
+        settings::Depth::Map { fallback_m, .. } => fallback_m,
         settings::Depth::Target => None,
     };
     let Some(plane) = plane else {

@@ -102,15 +102,15 @@ async fn servo(args: &DemoArgs, camera: CameraSettings, live: &LiveLine) -> anyh
 }
 
 /// The settings that both ways of running share.
-fn task_settings(args: &DemoArgs, info: &CameraInfo) -> TaskSettings {
+fn task_settings(args: &DemoArgs, info: &CameraInfo) -> anyhow::Result<TaskSettings> {
     let mut settings = TaskSettings::new(info.camera);
-    args.servo.apply(&mut settings);
+    args.servo.apply(&mut settings)?;
     settings.frame_period_s = info.frame_period_s;
     settings.depth = match args.depth {
-        DepthSource::Map => Depth::Map { fallback_m: None },
+        DepthSource::Map => Depth::Map { fallback_m: None, holes: args.servo.features.holes() },
         DepthSource::Constant(depth_m) => Depth::ConstantM(depth_m),
     };
-    settings
+    Ok(settings)
 }
 
 /// What the answer to one image says, with the simulator's truth about where the camera was.

@@ -10,7 +10,9 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::Args;
-use domvs_vision::{Gain, Law, OrderRule, Servo, Step};
+use domvs_vision::{
+    DepthScale, Gain, Gaussian, GaussianForm, Holes, Law, LightPrior, NoiseFloor, OrderRule, Plane, Servo, Step,
+};
 
 use self::answer::Answer;
 use self::inputs::Inputs;
@@ -86,12 +88,15 @@ pub struct TwistArgs {
 }
 
 const AFTER_HELP: &str = "\
-Unknown depths (0, negative or not finite) become the median of the known ones; more than half unknown is an error. \
+Unknown depths (0, negative or not finite) become the median of the known ones, or with --ignore-holes have no weight; \
+more than half unknown is an error. \
 A depth map given for one of the two images only is used for both.
 
 The JSON object has the keys twist (6), order, window, pixel_mse, feature_error_squared (e·e), features, \
 condition_number and status: servoing, or rank_deficient with a twist of zeros. \
-window is ax,bx,ay,by for Hahn, p_x,p_y for Krawtchouk and null for the others.
+window is ax,bx,ay,by for Hahn, p_x,p_y for Krawtchouk and null for the others; order is 0 for photometric and \
+gaussian_mixture, whose sums are made in full here. With --light there is light (6) too: how the current image differs from the desired \
+one in gain (-0.3 is 30 % darker), offset, the gain's slopes along x and y, the offset's slopes.
 
 Exit codes: 0 there is an answer, 1 an error, 2 the command line was not understood.";
 
@@ -109,8 +114,12 @@ pub fn run(args: &TwistArgs, paint: Paint) -> anyhow::Result<ExitCode> {
 }
 
 fn solve(args: &TwistArgs, inputs: &Inputs) -> anyhow::Result<Step> {
+    let law = law(args, &inputs.desired.plane)?;
     let mut servo =
-        Servo::new(law(args)?, inputs.camera, inputs.desired.view()).with_context(|| inputs.desired.name.clone())?;
+        Servo::new(law, inputs.camera, inputs.desired.view()).with_context(|| inputs.desired.name.clone())?;
+    if let Some(mask) = &inputs.mask {
+        servo.set_mask(Some(&mask.plane)).with_context(|| mask.name.clone())?;
+    }
     if let Some(initial) = &inputs.initial {
         servo.set_initial(&initial.plane).with_context(|| initial.name.clone())?;
     }
@@ -119,16 +128,21 @@ fn solve(args: &TwistArgs, inputs: &Inputs) -> anyhow::Result<Step> {
         .with_context(|| format!("{} towards {}", inputs.current.name, inputs.desired.name))
 }
 
-fn law(args: &TwistArgs) -> anyhow::Result<Law> {
+fn law(args: &TwistArgs, desired: &Plane<f64>) -> anyhow::Result<Law> {
+    let features = &args.features;
     Ok(Law {
-        method: args.features.method.into(),
-        window: args.features.window.into(),
+        method: features.method.of_the_law(),
+        window: features.window.into(),
         krawtchouk_p: args.krawtchouk_p.into(),
         lattice: args.lattice.into(),
-        order: OrderRule::new(args.features.order.min, args.features.order.max, args.epsilon)?,
+        order: OrderRule::new(features.order.min, features.order.max, args.epsilon)?,
         gain: Gain::PerSecond(args.gain),
         step_cap: None,
         degrees_of_freedom: [true; 6],
-        ..Law::default()
+        gaussian: Gaussian { extent_px: features.gaussian_px(desired), form: GaussianForm::Exact },
+        light: features.light.then(LightPrior::default),
+        noise_floor: if features.noise_floor { NoiseFloor::Subtracted } else { NoiseFloor::Ignored },
+        depth_scale: DepthScale::Given,
+        holes: if features.ignore_holes { Holes::Ignored } else { Holes::Filled },
     })
 }

@@ -34,7 +34,7 @@ pub struct SceneOptions {
 
     /// Another light than in the desired image: every image becomes GAIN · I + OFFSET
     #[arg(long, value_name = "GAIN,OFFSET", default_value_t, allow_hyphen_values = true)]
-    pub light: LightOption,
+    pub light_change: LightChangeOption,
 
     /// Seed of the noise
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -54,8 +54,8 @@ impl SceneOptions {
             displacement: self.displacement.0,
             disturbance: Disturbance {
                 noise_std: self.noise,
-                gain: self.light.gain,
-                offset: self.light.offset,
+                gain: self.light_change.gain,
+                offset: self.light_change.offset,
                 seed: self.seed,
                 ..Disturbance::default()
             },
@@ -127,34 +127,34 @@ impl fmt::Display for DisplacementOption {
     }
 }
 
-/// `--light GAIN,OFFSET`.
+/// `--light-change GAIN,OFFSET`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LightOption {
+pub struct LightChangeOption {
     /// Factor of the gray values.
     pub gain: f64,
     /// Added to the gray values, of [0, 1].
     pub offset: f64,
 }
 
-impl Default for LightOption {
-    fn default() -> LightOption {
-        LightOption { gain: 1.0, offset: 0.0 }
+impl Default for LightChangeOption {
+    fn default() -> LightChangeOption {
+        LightChangeOption { gain: 1.0, offset: 0.0 }
     }
 }
 
-impl FromStr for LightOption {
+impl FromStr for LightChangeOption {
     type Err = String;
 
-    fn from_str(text: &str) -> Result<LightOption, String> {
+    fn from_str(text: &str) -> Result<LightChangeOption, String> {
         match numbers(text).as_deref() {
-            Some(&[gain]) => Ok(LightOption { gain, offset: 0.0 }),
-            Some(&[gain, offset]) => Ok(LightOption { gain, offset }),
+            Some(&[gain]) => Ok(LightChangeOption { gain, offset: 0.0 }),
+            Some(&[gain, offset]) => Ok(LightChangeOption { gain, offset }),
             _ => Err(format!("expected GAIN or GAIN,OFFSET, got '{text}'")),
         }
     }
 }
 
-impl fmt::Display for LightOption {
+impl fmt::Display for LightChangeOption {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{},{}", self.gain, self.offset)
     }
@@ -175,7 +175,7 @@ mod tests {
         let first = DisplacementOption::default();
         assert_eq!(first.to_string().parse(), Ok(first));
         assert!("1,2,3".parse::<DisplacementOption>().is_err());
-        assert_eq!("0.7".parse(), Ok(LightOption { gain: 0.7, offset: 0.0 }));
-        assert_eq!("0.6,-0.1".parse(), Ok(LightOption { gain: 0.6, offset: -0.1 }));
+        assert_eq!("0.7".parse(), Ok(LightChangeOption { gain: 0.7, offset: 0.0 }));
+        assert_eq!("0.6,-0.1".parse(), Ok(LightChangeOption { gain: 0.6, offset: -0.1 }));
     }
 }

@@ -14,7 +14,7 @@ use crate::report::{LiveLine, RunRecord, RunRow};
 
 pub(super) async fn run(lab: &Lab, args: &DemoArgs, camera: &CameraSettings, live: &LiveLine) -> anyhow::Result<Run> {
     let mut simulation = camera.simulation()?;
-    let settings = TaskSettings { limits: None, ..task_settings(args, &camera.info()?) };
+    let settings = TaskSettings { limits: None, ..task_settings(args, &camera.info()?)? };
     let desired = simulation.capture_desired();
     let initial = simulation.capture();
     let task = lab.client.create_task(&settings).await?;

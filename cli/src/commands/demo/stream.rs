@@ -23,8 +23,11 @@ const SILENCE: Duration = Duration::from_secs(5);
 pub(super) async fn run(lab: &Lab, args: &DemoArgs, camera: CameraSettings, live: &LiveLine) -> anyhow::Result<Run> {
     let mut simulation = camera.simulation()?;
     let (desired, initial) = (simulation.capture_desired(), simulation.capture());
-    let settings =
-        TaskSettings { frames: Frames::Pushed, watchdog_ms: Some(WATCHDOG_MS), ..task_settings(args, &camera.info()?) };
+    let settings = TaskSettings {
+        frames: Frames::Pushed,
+        watchdog_ms: Some(WATCHDOG_MS),
+        ..task_settings(args, &camera.info()?)?
+    };
     let task = lab.client.create_task(&settings).await?;
     task.set_target(&outgoing(&desired, 0, 0)?).await?;
     let keys = Keys::default();

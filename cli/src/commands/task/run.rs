@@ -136,14 +136,15 @@ fn say_end(last: &TwistMessage, args: &RunArgs, paint: Paint) -> anyhow::Result<
 
 fn settings(args: &RunArgs, info: &CameraInfo, keys: &Keys) -> anyhow::Result<TaskSettings> {
     let mut settings = TaskSettings::new(info.camera);
-    args.servo.apply(&mut settings);
+    args.servo.apply(&mut settings)?;
     settings.frames = Frames::Key(keys.camera_frame(&info.name));
     settings.frame_period_s = info.frame_period_s;
     settings.watchdog_ms = Some((3000.0 * info.frame_period_s).max(WATCHDOG_MS).round() as u32);
+    let map = Depth::Map { fallback_m: None, holes: args.servo.features.holes() };
     settings.depth = match args.depth {
         Some(DepthSource::Constant(depth_m)) => Depth::ConstantM(depth_m),
-        Some(DepthSource::Map) => Depth::Map { fallback_m: None },
-        None if info.depth => Depth::Map { fallback_m: None },
+        Some(DepthSource::Map) => map,
+        None if info.depth => map,
         None => Depth::default(),
     };
     match &args.settings {

@@ -1,12 +1,12 @@
 //! What `domvs twist` says: one JSON object, or a small table.
 
 use comfy_table::{Cell, CellAlignment, Table};
+use domvs_proto::settings::Method;
 use domvs_vision::{Step, WindowInUse};
 use serde::Serialize;
 
 use super::TwistArgs;
-use super::inputs::{Inputs, size};
-use crate::options::MethodOption;
+use super::inputs::{Inputs, Seen, size};
 use crate::paint::Paint;
 
 /// The answer; its fields are the keys of the JSON object. A number that is not finite becomes null.
@@ -20,6 +20,8 @@ pub struct Answer {
     pub features: usize,
     pub condition_number: f64,
     pub status: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub light: Option<[f64; 6]>,
 }
 
 impl Answer {
@@ -34,6 +36,7 @@ impl Answer {
             features: step.features,
             condition_number: step.condition_number,
             status: if step.rank_deficient { "rank_deficient" } else { "servoing" },
+            light: step.light,
         }
     }
 
@@ -43,10 +46,9 @@ impl Answer {
             "servoing" => paint.good(self.status),
             other => paint.bad(other),
         };
-        let (method, window) = (args.features.method, self.window_text(args.features.method));
         let mut lines = vec![
             ("status", status),
-            ("method", format!("{method}, order {}, {} features{window}", self.order, self.features)),
+            ("method", self.method_text(args, &inputs.desired)),
             ("gain", format!("{} 1/s", args.gain)),
             ("pixel error", format!("{:.6e}", self.pixel_mse)),
             ("e·e", format!("{:.6}", self.feature_error_squared)),
@@ -56,6 +58,8 @@ impl Answer {
             lines.push((role, format!("{}, {}; depth {}", seen.name, size(&seen.plane), seen.depth_note)));
         }
         lines.extend(inputs.initial.iter().map(|initial| ("initial", initial.name.clone())));
+        lines.extend(inputs.mask.iter().map(|mask| ("mask", mask.name.clone())));
+        lines.extend(self.light.map(|light| ("light", light_text(light))));
         let lines: Vec<String> = lines.iter().map(|(name, value)| format!("{name:<16} {value}")).collect();
         format!("{}\n{}", self.table(paint), lines.join("\n"))
     }
@@ -73,14 +77,29 @@ impl Answer {
         table
     }
 
-    fn window_text(&self, method: MethodOption) -> String {
-        match (method, self.window.as_deref()) {
-            (MethodOption::Hahn, Some([ax, bx, ay, by])) => {
-                format!(", window a,b = {ax},{bx} along x, {ay},{by} along y")
+    fn method_text(&self, args: &TwistArgs, desired: &Seen) -> String {
+        let (word, features) = (args.features.method, self.features);
+        match (args.features.method.0, self.window.as_deref()) {
+            (Method::Photometric, _) => format!("{word}, {features} features"),
+            (Method::GaussianMixture, _) => {
+                let extent_px = args.features.gaussian_px(&desired.plane);
+                format!("{word}, blurred by {extent_px} px, {features} features")
             }
-            (_, Some([px, py])) => format!(", centred at {px:.4},{py:.4} of the image"),
-            _ => String::new(),
+            (_, window) => format!("{word}, order {}, {features} features{}", self.order, window_text(window)),
         }
+    }
+}
+
+fn light_text([gain, offset, slopes @ ..]: [f64; 6]) -> String {
+    let [gain_u, gain_v, offset_u, offset_v] = slopes;
+    format!("gain {gain:+.4}, offset {offset:+.4}; slopes {gain_u:+.4},{gain_v:+.4} and {offset_u:+.4},{offset_v:+.4}")
+}
+
+fn window_text(window: Option<&[f64]>) -> String {
+    match window {
+        Some([ax, bx, ay, by]) => format!(", window a,b = {ax},{bx} along x, {ay},{by} along y"),
+        Some([px, py]) => format!(", centred at {px:.4},{py:.4} of the image"),
+        _ => String::new(),
     }
 }
 

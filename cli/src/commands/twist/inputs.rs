@@ -15,6 +15,7 @@ pub struct Inputs {
     pub desired: Seen,
     pub current: Seen,
     pub initial: Option<Image>,
+    pub mask: Option<Image>,
 }
 
 /// An image with the name of its file.
@@ -51,12 +52,17 @@ impl Inputs {
         if let Some(initial) = &initial {
             same_size(&desired, initial)?;
         }
+        let mask = args.features.mask.as_deref().map(|path| read_image(path, false)).transpose()?;
+        if let Some(mask) = &mask {
+            same_size(&desired, mask)?;
+        }
         let [desired_depth, current_depth] = depth_options(args);
         Ok(Inputs {
             camera,
             desired: with_depth(desired, &desired_depth, args.depth_unit)?,
             current: with_depth(current, &current_depth, args.depth_unit)?,
             initial,
+            mask,
         })
     }
 }
