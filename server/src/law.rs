@@ -60,16 +60,9 @@ pub fn acceleration_limits(settings: &TaskSettings) -> Option<AccelerationLimits
     })
 }
 
-/// The method of this word.
+/// The law's method of the same word.
 pub fn method(method: settings::Method) -> Method {
-    match method {
-        settings::Method::Hahn => Method::Hahn,
-        settings::Method::Krawtchouk => Method::Krawtchouk,
-        settings::Method::Tchebichef => Method::Tchebichef,
-        settings::Method::Cosine => Method::Cosine,
-        settings::Method::Photometric => Method::Photometric,
-        settings::Method::GaussianMixture => Method::GaussianMixture,
-    }
+    Method::from_word(method.word()).expect("the law knows every method of the wire: a test asks for each")
 }
 
 /// How far the light may go.
@@ -104,5 +97,53 @@ pub fn gain(settings: &TaskSettings, route: Route) -> Gain {
         settings::Gain::Adaptive(gain) => {
             Gain::Adaptive { at_zero: gain.at_zero, at_infinity: gain.at_infinity, slope_at_zero: gain.slope_at_zero }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use domvs_proto::settings::Camera;
+
+    use super::*;
+
+    fn settings() -> TaskSettings {
+        let camera = Camera { fx: 90.0, fy: 90.0, cx: 63.5, cy: 47.5, width: 128, height: 96, distortion: None };
+        TaskSettings::new(camera)
+    }
+
+    #[test]
+    fn every_method_of_the_wire_is_one_of_the_law() {
+        for wire in settings::Method::ALL {
+            let law = method(wire);
+            assert_eq!((law.word(), law.is_on_moments()), (wire.word(), wire.is_of_moments()));
+        }
+        assert_eq!(settings::Method::ALL.len(), Method::ALL.len());
+    }
+
+    #[test]
+    fn what_a_client_sets_is_what_the_law_gets() {
+        let set = settings()
+            .merge_patch(&serde_json::json!({
+                "method": "cosine", "gaussian_px": 12.5, "noise_floor": "subtract", "depth_scale": "estimate",
+                "light": { "gain_std": 0.1, "offset_std": 0.2, "gain_slope_std": 0.3, "offset_slope_std": 0.4 },
+            }))
+            .expect("settings that agree");
+        let made = law(&set).expect("a law");
+        assert_eq!(made.method, Method::Cosine);
+        assert_eq!(made.gaussian, Gaussian { extent_px: 12.5, form: GaussianForm::Fast });
+        let light = LightPrior { gain: 0.1, offset: 0.2, gain_slope: 0.3, offset_slope: 0.4 };
+        assert_eq!((made.light, made.noise_floor), (Some(light), NoiseFloor::Subtracted));
+        assert_eq!((made.depth_scale, made.holes), (DepthScale::Estimated, Holes::Filled));
+        let holes = serde_json::json!({ "depth": { "map": { "holes": "ignore" } } });
+        assert_eq!(law(&settings().merge_patch(&holes).expect("fine")).expect("a law").holes, Holes::Ignored);
+    }
+
+    #[test]
+    fn the_defaults_of_both_sides_are_the_same() {
+        let made = law(&settings()).expect("a law");
+        let gain = Gain::StepFraction { fraction: 0.5, frame_period_s: settings().frame_period_s };
+        let gaussian = Gaussian { extent_px: 16.0, form: GaussianForm::Fast };
+        assert_eq!(made, Law { gain, gaussian, ..Law::default() });
+        assert_eq!(light_prior(settings::Light::default()), LightPrior::default());
     }
 }

@@ -1,7 +1,7 @@
 //! Pictures and depths that nothing should move by: each has its status, a zero twist, and the next good frame moves again.
 
 use domvs_client::{DepthPlane, OutgoingFrame, PixelFormat};
-use domvs_proto::settings::{Depth, Frames};
+use domvs_proto::settings::{Depth, Frames, Holes};
 use domvs_simulators::Rendering;
 
 use crate::support::{
@@ -118,7 +118,7 @@ async fn with_a_fallback_even_no_depth_at_all_servoes_and_is_flagged() {
     let stage = Stage::open().await;
     let client = stage.client("alice").await;
     let mut scene = Scene::small("coffee");
-    let settings = TaskSettings { depth: Depth::Map { fallback_m: Some(1.0) }, ..scene.settings() };
+    let settings = TaskSettings { depth: Depth::Map { fallback_m: Some(1.0), holes: Holes::Fill }, ..scene.settings() };
     let task = started(&client, &settings, &scene.target()).await;
     let view = scene.simulation.capture();
     let (width, height) = (view.depth.width() as u32, view.depth.height() as u32);

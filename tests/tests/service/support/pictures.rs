@@ -2,7 +2,7 @@
 
 use domvs_client::{DepthPlane, OutgoingFrame, PixelFormat};
 use domvs_proto::keys::TaskKey;
-use domvs_proto::settings::{Camera, Depth, TaskSettings};
+use domvs_proto::settings::{Camera, Depth, Holes, TaskSettings};
 use domvs_simulators::{CameraSettings, Follow, Photograph, Rendering, Simulation};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
@@ -41,7 +41,7 @@ impl Scene {
     /// Depth from the frames, no limits, and a watchdog that a busy machine does not trip.
     pub fn settings(&self) -> TaskSettings {
         TaskSettings {
-            depth: Depth::Map { fallback_m: None },
+            depth: Depth::Map { fallback_m: None, holes: Holes::Fill },
             limits: None,
             watchdog_ms: Some(10_000),
             ..TaskSettings::new(self.optics())
