@@ -1,14 +1,20 @@
 //! How long one step takes: `cargo run --release -p domvs-vision --example step_time`.
 //!
-//! Median over 41 steps of a 640x480 pair with the default window, one thread, for each method, order and kind of depth; the first
-//! step, which also makes the desired view's half, stands apart. Numbers depend on the machine: no test asserts them.
+//! Median over 41 steps (fewer where one takes long) of a 640x480 pair with the default window, one thread, for each method, order or extent,
+//! and kind of depth; the first step, which also makes the desired view's half of the moments, stands apart. Numbers depend on the
+//! machine: no test asserts them. Words choose the lines that hold them all: `-- f32 photometric`.
 
 use std::time::Instant;
 
-use domvs_vision::{Depth, DepthMap, HoleFill, Intrinsics, Law, Method, OrderRule, Plane, Sample, Servo, View};
+use domvs_vision::{
+    Depth, DepthMap, Gaussian, GaussianForm, HoleFill, Intrinsics, Law, Method, OrderRule, Plane, Sample, Servo, View,
+};
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
+
+/// No line takes much longer than this.
+const PATIENCE_S: f64 = 2.0;
 
 fn image<T: Sample>(shift: f64) -> Plane<T> {
     Plane::from_fn(WIDTH, HEIGHT, |u, v| {
@@ -24,12 +30,13 @@ fn depth_map<T: Sample>(tilt: f64) -> Depth<T> {
 }
 
 /// `[median, first]` step in milliseconds.
-fn step_ms<T: Sample>(method: Method, order: usize, depths: [&Depth<T>; 2]) -> [f64; 2] {
+fn step_ms<T: Sample>(law: Law, depths: [&Depth<T>; 2]) -> [f64; 2] {
     let (current, desired) = (image::<T>(12.0), image::<T>(0.0));
     let camera = Intrinsics::new([605.7, 606.2], [324.9, 236.5]).expect("a real camera");
-    let law = Law { method, order: OrderRule::fixed(order).expect("in range"), ..Law::default() };
     let mut servo = Servo::new(law, camera, View { image: &desired, depth: depths[1] }).expect("a valid law");
+    let begin = Instant::now();
     let mut times: Vec<f64> = (0..42)
+        .take_while(|i| *i < 2 || begin.elapsed().as_secs_f64() < PATIENCE_S)
         .map(|_| {
             let start = Instant::now();
             let step = servo.step(View { image: &current, depth: depths[0] });
@@ -42,22 +49,43 @@ fn step_ms<T: Sample>(method: Method, order: usize, depths: [&Depth<T>; 2]) -> [
     [times[times.len() / 2], first]
 }
 
-fn report<T: Sample>(sample: &str) {
-    let constants = [Depth::Constant { depth_m: 1.0 }, Depth::Constant { depth_m: 1.1 }];
-    let maps = [depth_map::<T>(2e-4), depth_map::<T>(1e-4)];
+/// Every law that is timed, and what its line calls it.
+fn laws() -> Vec<(String, Law)> {
+    let mut laws = Vec::new();
     for method in Method::ALL.iter().copied().filter(|method| method.is_on_moments()) {
         for order in [8, 16] {
-            for (kind, depths) in [("constant", &constants), ("map", &maps)] {
-                let [median, first] = step_ms::<T>(method, order, [&depths[0], &depths[1]]);
-                let name = format!("{method:?}");
-                println!("{sample}  {name:<10}  l = {order:<2}  {kind:<8}  {median:6.2} ms  (first {first:.2} ms)");
+            let law = Law { method, order: OrderRule::fixed(order).expect("in range"), ..Law::default() };
+            laws.push((format!("{}, order {order}", method.word()), law));
+        }
+    }
+    laws.push(("photometric".to_owned(), Law { method: Method::Photometric, ..Law::default() }));
+    for (form, name) in [(GaussianForm::Fast, "fast"), (GaussianForm::Exact, "exact")] {
+        for extent_px in [4.0, 10.0, 20.0, 40.0, 80.0, 160.0] {
+            let gaussian = Gaussian { extent_px, form };
+            let law = Law { method: Method::GaussianMixture, gaussian, ..Law::default() };
+            laws.push((format!("gaussian mixture, {name}, {extent_px} px"), law));
+        }
+    }
+    laws
+}
+
+fn report<T: Sample>(sample: &str, words: &[String]) {
+    let constants = [Depth::Constant { depth_m: 1.0 }, Depth::Constant { depth_m: 1.1 }];
+    let maps = [depth_map::<T>(2e-4), depth_map::<T>(1e-4)];
+    for (name, law) in laws() {
+        for (kind, depths) in [("constant", &constants), ("map", &maps)] {
+            let line = format!("{sample}  {name:<32}  {kind:<8}");
+            if words.iter().all(|word| line.contains(word)) {
+                let [median, first] = step_ms::<T>(law, [&depths[0], &depths[1]]);
+                println!("{line}  {median:8.2} ms  (first {first:.2} ms)");
             }
         }
     }
 }
 
 fn main() {
+    let words: Vec<String> = std::env::args().skip(1).collect();
     println!("one step, {WIDTH}x{HEIGHT}, one thread");
-    report::<f32>("f32");
-    report::<f64>("f64");
+    report::<f32>("f32", &words);
+    report::<f64>("f64", &words);
 }

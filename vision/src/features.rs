@@ -3,10 +3,14 @@
 use crate::basis::BasisError;
 use crate::camera::Intrinsics;
 use crate::depth::Depth;
-use crate::family::Chosen;
-use crate::gram::Gram;
+use crate::family::{Chosen, Method};
+use crate::gaussian::GaussianMixture;
+use crate::gram::{COLUMNS, Gram};
 use crate::image::Plane;
+use crate::law::Law;
 use crate::moments::{Extras, FeatureRow, Moments, Work};
+use crate::photometric::Photometric;
+use crate::planes::PLAIN;
 use crate::sample::Sample;
 
 /// An image and its depth.
@@ -25,7 +29,11 @@ pub(crate) struct Sights<'a, T> {
 #[derive(Debug)]
 pub(crate) enum Features<T> {
     /// Of every family.
-    Moments(Moments<T>),
+    Moments(Box<Moments<T>>),
+    /// The pixels themselves.
+    Photometric(Photometric<T>),
+    /// The pixels seen through a bell.
+    GaussianMixture(GaussianMixture<T>),
 }
 
 impl<T: Sample> Features<T> {
@@ -40,7 +48,19 @@ impl<T: Sample> Features<T> {
         chosen: Chosen,
         extras: Extras,
     ) -> Result<Features<T>, BasisError> {
-        Moments::new(camera, size, highest_order, chosen.polynomials, extras).map(Features::Moments)
+        let moments = Moments::new(camera, size, highest_order, chosen.polynomials, extras)?;
+        Ok(Features::Moments(Box::new(moments)))
+    }
+
+    /// Buffers for pixels as features, `[width, height]` of them.
+    pub(crate) fn pixels(law: &Law, camera: Intrinsics, size: [usize; 2]) -> Features<T> {
+        let planes = if law.light.is_some() { COLUMNS } else { PLAIN };
+        match law.method {
+            Method::GaussianMixture => {
+                Features::GaussianMixture(GaussianMixture::new(camera, size, planes, law.gaussian))
+            }
+            _ => Features::Photometric(Photometric::new(camera, size, planes)),
+        }
     }
 
     /// The inner products of this pair; `chosen` is what the law says about moments, at this order.
@@ -58,30 +78,34 @@ impl<T: Sample> Features<T> {
                 let chosen = chosen.expect("a law whose method is on moments chooses rows");
                 moments.gram(chosen.polynomials, order, sights)
             }
+            Features::Photometric(pixels) => Ok(pixels.gram(sights)),
+            Features::GaussianMixture(mixture) => Ok(mixture.gram(sights)),
         }
     }
 
     /// What is kept of the desired view has other weights now.
     pub(crate) fn forget_desired(&mut self) {
-        let Features::Moments(moments) = self;
-        moments.forget_desired();
+        if let Features::Moments(moments) = self {
+            moments.forget_desired();
+        }
     }
 
-    /// `e - C h` and the current view's own `L(I, Z)` of the last step.
+    /// `e - C h` and the current view's own `L(I, Z)` of the last step; methods without moments have none to show.
     pub(crate) fn own_rows(&self, light: [f64; 6]) -> impl Iterator<Item = FeatureRow> {
-        let Features::Moments(moments) = self;
-        moments.own_rows(light)
+        self.in_moments().into_iter().flat_map(move |moments| moments.own_rows(light))
     }
 
     /// The moments of the last step; methods without moments have none to show.
     pub(crate) fn rows(&self) -> impl Iterator<Item = FeatureRow> {
-        let Features::Moments(moments) = self;
-        moments.features()
+        self.in_moments().into_iter().flat_map(Moments::features)
     }
 
-    /// What has been computed so far.
+    /// What has been computed so far; methods without moments keep nothing.
     pub(crate) fn work(&self) -> Work {
-        let Features::Moments(moments) = self;
-        moments.work()
+        self.in_moments().map_or(Work::default(), Moments::work)
+    }
+
+    fn in_moments(&self) -> Option<&Moments<T>> {
+        if let Features::Moments(moments) = self { Some(moments) } else { None }
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! Nothing here reads a file, a clock or a network. The files follow the data:
 //! `sample → image → camera → depth → twist → law → weights → noise → pixel error → window → family → order → basis → projection → interaction →
-//! sweep → moments → features → gram → light → control → depth scale → servo`.
+//! sweep → moments → gram → light → planes → products → photometric → convolution → low rank → gaussian → features → control → depth scale →
+//! servo`.
 //! [`Servo::step`] is the one function that calls the steps from top to bottom; start reading there.
 //! `docs/paper.md` maps the paper's equations to these files, its letters to these words, and numbers
 //! every place where the code leaves the paper (D1, D2, …) or the paper errs (E1, E2, …).
@@ -58,11 +59,23 @@ mod sweep;
 
 mod moments;
 
-mod features;
-
 pub mod gram;
 
 mod light;
+
+pub mod planes;
+
+mod products;
+
+mod photometric;
+
+pub mod convolution;
+
+mod low_rank;
+
+mod gaussian;
+
+mod features;
 
 pub mod control;
 

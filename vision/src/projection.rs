@@ -165,7 +165,7 @@ impl<T: Sample> Carriers<T> {
 /// The products of `P` plane rows with `C` carriers. Every pair has its own strands, one per lane: no strand waits for another,
 /// and the compiler may keep each in one register (so `P * C` stays at 10 or below, of 16).
 #[inline(always)]
-fn tile<T: Sample, const P: usize, const C: usize>(
+pub(crate) fn tile<T: Sample, const P: usize, const C: usize>(
     planes: [&[[T; LANES]]; P],
     carriers: [&[[T; LANES]]; C],
 ) -> [[f64; P]; C] {
@@ -182,7 +182,13 @@ fn tile<T: Sample, const P: usize, const C: usize>(
             }
         }
     }
-    strands.map(|of_carrier| of_carrier.map(|lanes| lanes.iter().map(|lane| lane.to_f64()).sum()))
+    strands.map(|of_carrier| of_carrier.map(|lanes| add_lanes(&lanes)))
+}
+
+/// The lanes of a strand, added in `f64`. Not inlined: seeing these sums, the compiler would lay the strands' lanes out across strands.
+#[inline(never)]
+pub(crate) fn add_lanes<T: Sample>(lanes: &[T; LANES]) -> f64 {
+    lanes.iter().map(|lane| lane.to_f64()).sum()
 }
 
 /// `row[u] = values[u] * factor(u)`, rounded once.

@@ -26,6 +26,9 @@ pub trait Sample:
     /// Beyond every number.
     const INFINITY: Self;
 
+    /// The step from 1 to the next number.
+    const EPSILON: Self;
+
     /// The nearest sample to `value`.
     fn from_f64(value: f64) -> Self;
 
@@ -36,6 +39,7 @@ pub trait Sample:
 impl Sample for f32 {
     const ZERO: f32 = 0.0;
     const INFINITY: f32 = f32::INFINITY;
+    const EPSILON: f32 = f32::EPSILON;
 
     fn from_f64(value: f64) -> f32 {
         value as f32
@@ -49,6 +53,7 @@ impl Sample for f32 {
 impl Sample for f64 {
     const ZERO: f64 = 0.0;
     const INFINITY: f64 = f64::INFINITY;
+    const EPSILON: f64 = f64::EPSILON;
 
     fn from_f64(value: f64) -> f64 {
         value

@@ -7,7 +7,7 @@ use crate::camera::Intrinsics;
 use crate::control::cap_step;
 use crate::depth::Depth;
 use crate::depth_scale::{self, DepthScaleEstimate};
-use crate::family::{self, Chosen, Method};
+use crate::family::{self, Chosen};
 use crate::features::{Features, Sights};
 use crate::gram::Gram;
 use crate::image::Plane;
@@ -60,9 +60,9 @@ pub struct Step {
     pub step_capped: bool,
     /// `λ`, in 1/s.
     pub gain_per_s: f64,
-    /// `l`.
+    /// `l`; 0 for methods whose features are pixels.
     pub order: usize,
-    /// How many features: `(l + 1)(l + 2)/2`.
+    /// How many features: `(l + 1)(l + 2)/2`, or the pixels.
     pub features: usize,
     /// The parameters of the bases.
     pub window: WindowInUse,
@@ -145,12 +145,6 @@ pub enum ServoError {
     /// A depth scale is estimated for constant depths only.
     #[error("a depth scale is estimated for a constant depth, got a depth map")]
     DepthScaleOfMap,
-    /// A method that this version does not serve.
-    #[error("this version does not serve the method {}", method.word())]
-    NotServed {
-        /// As asked for.
-        method: Method,
-    },
 }
 
 impl<T: Sample> Servo<T> {
@@ -165,7 +159,7 @@ impl<T: Sample> Servo<T> {
             return Err(ServoError::SizeOutOfRange { got: size });
         }
         let (highest, got) = (size[0].min(size[1]) - 3, order_rule(&law).max());
-        if got > highest {
+        if law.method.is_on_moments() && got > highest {
             return Err(ServoError::OrderTooHigh { highest, got, size });
         }
         check_view(desired, size, &law)?;
@@ -179,7 +173,7 @@ impl<T: Sample> Servo<T> {
             Some(chosen) => {
                 Features::moments(camera, size, highest_swept(&law, highest), chosen, extras(&law, highest))?
             }
-            None => return Err(ServoError::NotServed { method: law.method }),
+            None => Features::pixels(&law, camera, size),
         };
         Ok(Servo {
             law,
@@ -210,7 +204,7 @@ impl<T: Sample> Servo<T> {
         let pixel_mse = self.pixel_mse(current.image, light_before)?;
         let order_mse = self.order_mse(pixel_mse, current.image);
         let initial_mse = self.initial_mse.unwrap_or_else(|| self.initial(order_mse));
-        let order = order_rule(&self.law).order(order_mse, initial_mse);
+        let order = chosen.map_or(0, |_| order_rule(&self.law).order(order_mse, initial_mse));
 
         let gram = self.gram(current, chosen, order)?;
         let free = self.law.degrees_of_freedom;
@@ -312,7 +306,8 @@ impl<T: Sample> Servo<T> {
         &self.law
     }
 
-    /// The features of the last step, `n` outside, `m` inside: what `e` and `L̂` were.
+    /// The moments of the last step, `n` outside, `m` inside: what `e` and `L̂` were. None for methods whose features are pixels:
+    /// see [`crate::planes::pair_planes`].
     pub fn features(&self) -> impl Iterator<Item = FeatureRow> {
         self.features.rows()
     }

@@ -46,10 +46,31 @@ pub fn judge(pair: &Pair<f64>, [along_u, along_v]: [Polynomial; 2], order: usize
         double_sum(features[i], &|u, v| 0.5 * (own[v * width + u][k] + desired[v * width + u][k]))
     });
 
+    solve(error, interaction)
+}
+
+/// `-L̂⁺e` by singular values.
+fn solve(error: DVector<f64>, interaction: DMatrix<f64>) -> Judgement {
     let svd = interaction.clone().svd(true, true);
     let condition_number = svd.singular_values.max() / svd.singular_values.min();
     let gauss_newton = -svd.pseudo_inverse(0.0).unwrap() * &error;
     Judgement { error, interaction, gauss_newton: gauss_newton.as_slice().to_vec(), condition_number }
+}
+
+/// The pixels themselves as features or, with an extent, the Gaussian mixture at every pixel.
+pub fn judge_pixels(pair: &Pair<f64>, extent_px: Option<f64>) -> Judgement {
+    let (width, height) = (pair.current.0.width(), pair.current.0.height());
+    let (own, desired) = (interaction_planes(pair, pair.current()), interaction_planes(pair, pair.desired()));
+    let gathered = |i: usize, plane: &dyn Fn(usize) -> f64| -> f64 {
+        let Some(extent_px) = extent_px else { return plane(i) };
+        let along = |i: usize, j: usize| (i as f64 - j as f64).powi(2);
+        let squared = |j: usize| along(i % width, j % width) + along(i / width, j / width);
+        (0..width * height).map(|j| plane(j) * (-squared(j) / (2.0 * extent_px * extent_px)).exp()).sum()
+    };
+    let difference = |j: usize| pair.current.0.samples()[j] - pair.desired.0.samples()[j];
+    let error = DVector::from_fn(width * height, |i, _| gathered(i, &difference));
+    let interaction = DMatrix::from_fn(width * height, 6, |i, k| gathered(i, &|j| 0.5 * (own[j][k] + desired[j][k])));
+    solve(error, interaction)
 }
 
 /// `L_I = -∇Iᵀ L_κ L_x` at every pixel.

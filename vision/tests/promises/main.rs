@@ -8,6 +8,7 @@ mod golden;
 mod judge;
 mod literal_sums;
 mod motion;
+mod pixels;
 mod reference;
 mod scenes;
 mod servo;

@@ -8,8 +8,8 @@ use domvs_vision::family::krawtchouk::{Krawtchouk, krawtchouk_p};
 use domvs_vision::family::{Polynomial, Tchebichef};
 use domvs_vision::window::Brightness;
 use domvs_vision::{
-    Depth, DepthMap, Gain, HoleFill, Intrinsics, Lattice, Law, Method, OrderRule, Plane, Servo, Step, View, Window,
-    WindowInUse,
+    Depth, DepthMap, Gain, Gaussian, GaussianForm, HoleFill, Intrinsics, Lattice, Law, Method, OrderRule, Plane, Servo,
+    Step, View, Window, WindowInUse,
 };
 use serde_json::Value;
 
@@ -106,13 +106,17 @@ fn law_of(case: &Value, result: &Value) -> Option<Law> {
         "KM" => Method::Krawtchouk,
         "HM" => Method::Hahn,
         "DCT" => Method::Cosine,
+        "DVS" => Method::Photometric,
+        "PGM" => Method::GaussianMixture,
         _ => return None,
     };
+    let gaussian = |extent_px| Gaussian { extent_px, form: GaussianForm::Exact };
     Some(Law {
         method,
+        gaussian: result["lambda_g"].as_f64().map_or(Gaussian::default(), gaussian),
         window: Window::Adaptive,
         lattice: if result["lattice"].as_str() == Some("exact") { Lattice::Exact } else { Lattice::Paper },
-        order: OrderRule::fixed(whole(&result["l"])).unwrap(),
+        order: result["l"].as_u64().map_or(OrderRule::default(), |l| OrderRule::fixed(l as usize).unwrap()),
         gain: Gain::PerSecond(case["gain"].as_f64().unwrap()),
         step_cap: None,
         ..Law::default()
@@ -143,8 +147,11 @@ fn reference_twists_are_met_to_1e_8() {
             if let Some(expected) = result.get("params").map(numbers) {
                 assert!(relative_difference(&parameters(&step), &expected) < 1e-13);
             }
-            let diagonal: Vec<f64> = (0..6).map(|k| servo.features().map(|f| f.interaction[k].powi(2)).sum()).collect();
-            assert!(relative_difference(&diagonal, &numbers(&result["LtL_diag"])) < 1e-11);
+            if law.method.is_on_moments() {
+                let column = |k: usize| servo.features().map(|f| f.interaction[k].powi(2)).sum();
+                let diagonal: Vec<f64> = (0..6).map(column).collect();
+                assert!(relative_difference(&diagonal, &numbers(&result["LtL_diag"])) < 1e-11);
+            }
             assert!((step.feature_error_squared / result["ee"].as_f64().unwrap() - 1.0).abs() < 1e-11);
             assert!(
                 (step.condition_number / result["cond_L"].as_f64().unwrap() - 1.0).abs() < 1e-3,
@@ -164,7 +171,7 @@ fn reference_twists_are_met_to_1e_8() {
         }
     }
     println!("twists: {compared} compared, largest relative difference {worst:e}");
-    assert!(compared > 30);
+    assert!(compared > 40);
 }
 
 /// A PGM (P5) plane, 8 or 16 bit, times `unit`: `image.pgm` files can be made from PNG by any converter.
