@@ -243,7 +243,8 @@ fn facet(mesh: &Mesh, triangle: &[u32; 3], texture: &Texture) -> Option<Facet> {
     });
     let (e, f) = (b - a, c - a);
     let twice_area = e.cross(&f).norm();
-    if twice_area <= 0.0 || !twice_area.is_finite() {
+    // Thinner than this its normal is rounding.
+    if !twice_area.is_finite() || twice_area <= 1e-12 * e.norm() * f.norm() {
         return None;
     }
     let normal = e.cross(&f) / twice_area;

@@ -17,7 +17,7 @@ use crate::texture::Texture;
 pub struct ObjectSpec {
     /// What it is.
     pub shape: Shape,
-    /// Its sides, m: two of a plane, three of a box; of a height field width, height and rise; of a mesh none (as the file
+    /// Its sides, m: two of a plane, three of a box, a ball or a cylinder; of a height field width, height and rise; of a mesh none (as the file
     /// has it), one (its longest side) or three.
     pub size_m: Vec<f64>,
     /// Where its middle is, m; of a mesh without a size, where the file's origin is.
@@ -61,6 +61,10 @@ pub enum Shape {
     Plane,
     /// Six rectangles.
     Box,
+    /// A ball or an ellipsoid, its poles on its z axis.
+    Ball,
+    /// A cylinder along its z axis.
+    Cylinder,
     /// A rectangle with heights towards -z.
     HeightField,
     /// What a file holds.
@@ -80,6 +84,8 @@ impl ObjectSpec {
         let parts = match (self.shape, self.size_m.as_slice()) {
             (Shape::Plane, &[width, height]) => vec![(Mesh::plane([width, height]), None)],
             (Shape::Box, &[width, height, depth]) => vec![(Mesh::cuboid([width, height, depth]), None)],
+            (Shape::Ball, &[width, height, depth]) => vec![(Mesh::ellipsoid([width, height, depth]), None)],
+            (Shape::Cylinder, &[width, height, depth]) => vec![(Mesh::cylinder([width, height, depth]), None)],
             (Shape::HeightField, &[width, height, rise]) => {
                 vec![(self.height_field([width, height, rise], folder)?, None)]
             }
@@ -87,7 +93,7 @@ impl ObjectSpec {
             (shape, sides) => {
                 return Err(SpecError::Contradiction {
                     key: "scene.objects.size_m",
-                    expected: "2 sides of a plane, 3 of a box or height_field, 0, 1 or 3 of a mesh",
+                    expected: "2 sides of a plane, 0, 1 or 3 of a mesh, 3 of all else",
                     got: format!("{} of a {shape:?}", sides.len()),
                 });
             }

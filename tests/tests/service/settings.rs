@@ -53,7 +53,11 @@ async fn a_wrong_patch_is_refused_with_the_numbers_and_changes_nothing() {
         ),
         (json!({ "preprocess": { "undistort": true } }), ErrorCode::NotSupported, ["undistort", "not supported"]),
         (json!({ "depth_scale": "estimate" }), ErrorCode::BadSettings, ["depth_scale", "constant depth"]),
-        (json!({ "preprocess": { "mask": { "png_base64": "aGVsbG8=" } } }), ErrorCode::BadSettings, ["mask", "5 bytes"]),
+        (
+            json!({ "preprocess": { "mask": { "png_base64": "aGVsbG8=" } } }),
+            ErrorCode::BadSettings,
+            ["mask", "5 bytes"],
+        ),
         (json!({ "frames": "pushed" }), ErrorCode::NotSupported, ["frames", "create"]),
         (json!({ "lease": "none" }), ErrorCode::NotSupported, ["lease", "create"]),
         (json!({ "camera": { "width": 64 } }), ErrorCode::BadTarget, ["64x72", "96x72"]),
