@@ -1,4 +1,4 @@
-//! How much each pixel counts: a mask that the user gives, and no weight where a depth map has a hole (deviation D20).
+//! How much each pixel counts: a mask that the user gives (deviation D19), and no weight where a depth map has a hole (D20).
 //!
 //! The weights multiply `I - I*` and all six planes of `L_I` of both images. The gradient of a pixel reads its four neighbours, so a pixel
 //! beside a masked one has no weight either: what is under the mask then reaches nothing.
@@ -21,6 +21,8 @@ pub(crate) struct Weights<T> {
     /// The product, while there is anything to weigh.
     in_use: Plane<T>,
     are_in_use: bool,
+    /// Whether `in_use` is the mask as it is.
+    is_mask: bool,
     share: f64,
 }
 
@@ -46,7 +48,7 @@ impl<T: Sample> Weights<T> {
     /// Full weight everywhere.
     pub(crate) fn new([width, height]: [usize; 2], holes: Holes) -> Weights<T> {
         let in_use = Plane::filled(width, height, T::from_f64(1.0));
-        Weights { size: [width, height], holes, mask: None, in_use, are_in_use: false, share: 1.0 }
+        Weights { size: [width, height], holes, mask: None, in_use, are_in_use: false, is_mask: true, share: 1.0 }
     }
 
     /// Takes another mask, from the next [`Weights::update`] on; it has the right size.
@@ -55,7 +57,7 @@ impl<T: Sample> Weights<T> {
     /// A weight out of range, or too few of them.
     pub(crate) fn set_mask(&mut self, mask: Option<&Plane<T>>) -> Result<(), MaskError> {
         let Some(mask) = mask else {
-            self.mask = None;
+            (self.mask, self.is_mask) = (None, !self.are_in_use);
             return Ok(());
         };
         let one = T::from_f64(1.0);
@@ -64,7 +66,7 @@ impl<T: Sample> Weights<T> {
         }
         let mask = without_border(mask);
         enough(share(&mask))?;
-        self.mask = Some(mask);
+        (self.mask, self.is_mask) = (Some(mask), false);
         Ok(())
     }
 
@@ -77,10 +79,12 @@ impl<T: Sample> Weights<T> {
             Holes::Ignored => depths.map(Depth::holes),
             Holes::Filled => [None; 2],
         };
-        let were_in_use = std::mem::replace(&mut self.are_in_use, self.mask.is_some() || holes != [None; 2]);
-        if !self.are_in_use && !were_in_use {
+        let has_holes = holes != [None; 2];
+        if self.is_mask && !has_holes {
             return Ok(false);
         }
+        self.are_in_use = self.mask.is_some() || has_holes;
+        self.is_mask = !has_holes;
         let (mut changed, mut counted, one) = (false, 0, T::from_f64(1.0));
         for (i, weight) in self.in_use.samples_mut().iter_mut().enumerate() {
             let is_hole = holes.iter().flatten().any(|holes| holes[i]);

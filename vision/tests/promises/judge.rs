@@ -26,7 +26,17 @@ pub fn polynomials(method: Method, window: WindowInUse, lattice: Lattice) -> [Po
     }
 }
 
-pub fn judge(pair: &Pair<f64>, [along_u, along_v]: [Polynomial; 2], order: usize) -> Judgement {
+pub fn judge(pair: &Pair<f64>, polynomials: [Polynomial; 2], order: usize) -> Judgement {
+    judge_weighted(pair, polynomials, order, &|_, _| 1.0)
+}
+
+/// The same sums with a weight on every pixel's `I - I*` and `L_I`.
+pub fn judge_weighted(
+    pair: &Pair<f64>,
+    [along_u, along_v]: [Polynomial; 2],
+    order: usize,
+    weight: &dyn Fn(usize, usize) -> f64,
+) -> Judgement {
     let (width, height) = (pair.current.0.width(), pair.current.0.height());
     let p = Basis::new(width, order + 1, along_u).unwrap();
     let q = Basis::new(height, order + 1, along_v).unwrap();
@@ -36,7 +46,7 @@ pub fn judge(pair: &Pair<f64>, [along_u, along_v]: [Polynomial; 2], order: usize
     let features: Vec<(usize, usize)> = (0..=order).flat_map(|n| (0..=order - n).map(move |m| (n, m))).collect();
     let double_sum = |(n, m): (usize, usize), plane: &dyn Fn(usize, usize) -> f64| -> f64 {
         let pixels = (0..height).flat_map(|v| (0..width).map(move |u| (u, v)));
-        pixels.map(|(u, v)| p.row(n)[u] * q.row(m)[v] * plane(u, v)).sum()
+        pixels.map(|(u, v)| p.row(n)[u] * q.row(m)[v] * weight(u, v) * plane(u, v)).sum()
     };
     let error = DVector::from_iterator(
         features.len(),

@@ -1,8 +1,8 @@
 //! The fast form is the literal double sums: Eq. (9), (29), (31), (40), (52), for every family, depth, shape and number type.
 
-use domvs_vision::{Depth, Law, Method};
+use domvs_vision::{Depth, Law, Method, Servo, Step};
 
-use super::judge::{judge, polynomials};
+use super::judge::{Judgement, judge, polynomials};
 use super::scenes::{Pair, every_method, relative_difference, with_order};
 
 /// The fast and the literal sums round differently: about 1e-15 for each of the 1e3 to 1e4 terms of a sum, at worst.
@@ -12,7 +12,11 @@ fn assert_equal_to_the_literal_sums(pair: &Pair<f64>, law: Law, order: usize) {
     let mut servo = pair.servo(with_order(law, order));
     let step = servo.step(pair.current()).unwrap();
     let judged = judge(pair, polynomials(law.method, step.window, law.lattice), order);
+    assert_judged(&servo, &step, &judged);
+}
 
+pub fn assert_judged(servo: &Servo<f64>, step: &Step, judged: &Judgement) {
+    let law = servo.law();
     let errors: Vec<f64> = servo.features().map(|feature| feature.error).collect();
     assert!(relative_difference(&errors, judged.error.as_slice()) < SUMS, "e of {law:?}");
     for k in 0..6 {

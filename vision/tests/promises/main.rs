@@ -6,9 +6,12 @@
 mod arbitrary;
 mod golden;
 mod judge;
+mod light;
 mod literal_sums;
 mod motion;
+mod options;
 mod pixels;
 mod reference;
 mod scenes;
 mod servo;
+mod weights;

@@ -9,7 +9,7 @@ use super::scenes::with_order;
 
 const SIZE: usize = 256;
 
-fn camera() -> Intrinsics {
+pub fn camera() -> Intrinsics {
     Intrinsics::new([230.0, 236.0], [128.5, 125.0]).unwrap()
 }
 
@@ -21,7 +21,7 @@ fn texture(x: f64, y: f64) -> f64 {
 }
 
 /// What a camera at `pose` (world from camera) sees.
-fn render(pose: &Isometry3<f64>) -> (Plane<f64>, Depth<f64>) {
+pub fn render(pose: &Isometry3<f64>) -> (Plane<f64>, Depth<f64>) {
     let (camera, normal) = (camera(), Vector3::new(-0.15, 0.1, 1.0));
     let hit = |u: usize, v: usize| {
         let ray = Vector3::new(camera.x(u as f64), camera.y(v as f64), 1.0);
