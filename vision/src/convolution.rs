@@ -1,8 +1,10 @@
 //! The Gaussian blur in full: `G(x) = Σ_u J(u) exp(-|u - x|²/2λ²)` at every pixel `x`, the sum over the pixels of the image alone.
 //!
 //! Un-normalised, so that a pixel near the border gathers less; nothing stands outside. Separable: every row along `u` first, then strips of
-//! columns along `v`. Only taps below the samples' own rounding are left out. All sums are `f64`: a blur takes away most of what is rough,
+//! columns along `v`, in bands as high as the blur reaches. Only taps below the samples' own rounding are left out. All sums are `f64`: a blur takes away most of what is rough,
 //! and what it leaves of `f32` sums would be their rounding. The time grows with the extent: [`crate::low_rank`] is the way around.
+
+use std::ops::Range;
 
 use crate::image::Plane;
 use crate::projection::LANES;
@@ -14,7 +16,10 @@ pub(crate) const STRIP: usize = 4 * LANES;
 /// One stretch of a blurred row.
 pub(crate) type Stretch = [f64; STRIP];
 
-/// Buffers for blurring planes of one size by one extent.
+/// Rows that are finished together, at least.
+const BAND: usize = 64;
+
+/// Buffers for blurring planes of one size by one extent, a band of rows at a time.
 #[derive(Debug)]
 pub(crate) struct Convolution {
     size: [usize; 2],
@@ -22,8 +27,15 @@ pub(crate) struct Convolution {
     taps: [Vec<f64>; 2],
     /// A row with `half` zeros before it, and `half` and a stretch behind.
     row: Vec<f64>,
-    /// By plane: rows blurred along `u`, `[strip][v]`.
+    /// The rows that `along_u` has room for, and the first one it holds.
+    capacity: usize,
+    start: usize,
+    /// By plane: rows blurred along `u`, `[strip][row - start]`.
     along_u: Vec<Vec<Stretch>>,
+    /// The first row that is not finished.
+    next: usize,
+    /// By plane: one strip of a band, blurred along both.
+    finished: Vec<Vec<Stretch>>,
 }
 
 /// How far a blur of this extent reaches over `length` pixels: farther, a tap is nothing beside the sum.
@@ -46,27 +58,56 @@ impl Convolution {
     /// Buffers for `planes` planes of `[width, height]` samples `T`.
     pub(crate) fn new<T: Sample>(extent_px: f64, [width, height]: [usize; 2], planes: usize) -> Convolution {
         let taps = [width, height].map(|length| taps::<T>(extent_px, length));
-        let strips = width.div_ceil(STRIP);
+        let (strips, capacity) = (width.div_ceil(STRIP), (BAND + taps[1].len() - 1).min(height));
         Convolution {
             size: [width, height],
             row: vec![0.0; strips * STRIP + taps[0].len() - 1],
             taps,
-            along_u: vec![vec![[0.0; STRIP]; strips * height]; planes],
+            capacity,
+            start: 0,
+            along_u: vec![vec![[0.0; STRIP]; strips * capacity]; planes],
+            next: 0,
+            finished: vec![vec![[0.0; STRIP]; capacity]; planes],
         }
     }
 
-    /// How many strips of columns there are; the last is filled up with zeros.
-    pub(crate) fn strips(&self) -> usize {
-        self.size[0].div_ceil(STRIP)
+    /// Takes row `v` of all planes, from `v = 0` down. Whenever a band of rows has all it needs, `each` gets it strip by strip: the strip's
+    /// number, the rows, and a stretch for each of them by plane. The last strip is filled up with zeros.
+    pub(crate) fn take_row<'a, T: Sample>(
+        &mut self,
+        v: usize,
+        planes: impl Iterator<Item = &'a [T]>,
+        mut each: impl FnMut(usize, Range<usize>, &[Vec<Stretch>]),
+    ) {
+        if v == 0 {
+            (self.start, self.next) = (0, 0);
+        }
+        for (plane, samples) in planes.enumerate() {
+            self.blur_row(plane, v, samples);
+        }
+        let ([width, height], half) = (self.size, self.taps[1].len() / 2);
+        let rows = match v + 1 {
+            last if last == height => self.next..height,
+            full if full == self.start + self.capacity => self.next..full - half,
+            _ => return,
+        };
+        for strip in 0..width.div_ceil(STRIP) {
+            for plane in 0..self.finished.len() {
+                self.finish(plane, strip, rows.clone());
+            }
+            each(strip, rows.clone(), &self.finished);
+        }
+        self.drop_rows_before(rows.end - half.min(rows.end));
+        self.next = rows.end;
     }
 
-    /// Blurs row `v` of a plane along `u`.
-    pub(crate) fn take_row<T: Sample>(&mut self, plane: usize, v: usize, samples: &[T]) {
-        let ([width, height], half) = (self.size, self.taps[0].len() / 2);
+    /// Blurs a row along `u`.
+    fn blur_row<T: Sample>(&mut self, plane: usize, v: usize, samples: &[T]) {
+        let (width, half) = (self.size[0], self.taps[0].len() / 2);
         for (slot, sample) in self.row[half..half + width].iter_mut().zip(samples) {
             *slot = sample.to_f64();
         }
-        for strip in 0..self.strips() {
+        for strip in 0..width.div_ceil(STRIP) {
             let first = strip * STRIP;
             // Taps that see nothing but the zeros before or behind the row are passed over.
             let from = half.saturating_sub(first + STRIP - 1);
@@ -74,19 +115,28 @@ impl Convolution {
             let windows = self.row[first + from..first + to + STRIP - 1].windows(STRIP);
             let mut sums = weighted(self.taps[0][from..to].iter().zip(windows));
             sums[(width - first).min(STRIP)..].fill(0.0);
-            self.along_u[plane][strip * height + v] = sums;
+            self.along_u[plane][strip * self.capacity + v - self.start] = sums;
         }
     }
 
-    /// Blurs a strip of columns of a plane along `v`, after all its rows were taken: one stretch per row.
-    pub(crate) fn finish_strip(&self, plane: usize, strip: usize, finished: &mut [Stretch]) {
-        let ([_, height], half) = (self.size, self.taps[1].len() / 2);
-        let column = &self.along_u[plane][strip * height..][..height];
-        for (v, finished) in finished.iter_mut().enumerate() {
+    /// Blurs a strip of some rows along `v`.
+    fn finish(&mut self, plane: usize, strip: usize, rows: Range<usize>) {
+        let (height, half) = (self.size[1], self.taps[1].len() / 2);
+        let column = &self.along_u[plane][strip * self.capacity..][..self.capacity];
+        for (v, finished) in rows.clone().zip(&mut self.finished[plane]) {
             let (from, to) = (v.saturating_sub(half), (v + half + 1).min(height));
+            let stretches = &column[from - self.start..to - self.start];
             let taps = &self.taps[1][half + from - v..];
-            *finished = weighted(taps.iter().zip(column[from..to].iter().map(|stretch| &stretch[..])));
+            *finished = weighted(taps.iter().zip(stretches.iter().map(|stretch| &stretch[..])));
         }
+    }
+
+    fn drop_rows_before(&mut self, start: usize) {
+        let dropped = start - self.start;
+        for column in self.along_u.iter_mut().flat_map(|plane| plane.chunks_exact_mut(self.capacity)) {
+            column.copy_within(dropped.., 0);
+        }
+        self.start = start;
     }
 }
 
@@ -107,16 +157,16 @@ fn weighted<'a>(terms: impl Iterator<Item = (&'a f64, &'a [f64])>) -> Stretch {
 pub fn blur<T: Sample>(plane: &Plane<T>, extent_px: f64) -> Plane<T> {
     let [width, height] = plane.size();
     let mut convolution = Convolution::new::<T>(extent_px, [width, height], 1);
-    (0..height).for_each(|v| convolution.take_row(0, v, plane.row(v)));
-    let (mut blurred, mut finished) = (plane.clone(), vec![[0.0; STRIP]; height]);
-    for strip in 0..convolution.strips() {
-        convolution.finish_strip(0, strip, &mut finished);
-        let (first, count) = (strip * STRIP, STRIP.min(width - strip * STRIP));
-        for (v, stretch) in finished.iter().enumerate() {
-            for (sample, sum) in blurred.samples_mut()[v * width + first..][..count].iter_mut().zip(stretch) {
-                *sample = T::from_f64(*sum);
+    let mut blurred = plane.clone();
+    for v in 0..height {
+        convolution.take_row(v, std::iter::once(plane.row(v)), |strip, rows, finished| {
+            let (first, count) = (strip * STRIP, STRIP.min(width - strip * STRIP));
+            for (v, stretch) in rows.zip(&finished[0]) {
+                for (sample, sum) in blurred.samples_mut()[v * width + first..][..count].iter_mut().zip(stretch) {
+                    *sample = T::from_f64(*sum);
+                }
             }
-        }
+        });
     }
     blurred
 }
@@ -127,7 +177,9 @@ mod tests {
 
     #[test]
     fn a_blur_is_the_double_sum_whatever_the_extent_and_shape() {
-        for (width, height, extent_px) in [(9, 7, 0.5), (37, 20, 3.0), (16, 33, 512.0), (5, 2, 1.0), (40, 8, 9.0)] {
+        for (width, height, extent_px) in
+            [(9, 7, 0.5), (37, 20, 3.0), (16, 33, 512.0), (5, 2, 1.0), (40, 8, 9.0), (19, 301, 4.0)]
+        {
             let plane = Plane::from_fn(width, height, |u, v| ((u * 7 + v * 13 + u * v) % 17) as f64 - 6.0);
             let blurred = blur(&plane, extent_px);
             for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {

@@ -8,7 +8,7 @@
 //! gets them by projection ([`crate::low_rank`]), unless the extent is so small that the blur itself is quicker.
 
 use crate::camera::Intrinsics;
-use crate::convolution::{Convolution, STRIP, Stretch};
+use crate::convolution::{Convolution, Stretch};
 use crate::features::Sights;
 use crate::gram::{COLUMNS, Gram};
 use crate::law::{Gaussian, GaussianForm};
@@ -28,17 +28,14 @@ pub(crate) struct GaussianMixture<T> {
 /// How inner products of blurred planes are made.
 #[derive(Debug)]
 enum Blurred<T> {
-    InFull(Convolution, Vec<Vec<Stretch>>),
+    InFull(Convolution),
     Projected(Projection<T>),
 }
 
 impl<T: Sample> GaussianMixture<T> {
     /// Buffers for images of `size`, `[width, height]` pixels, for 7 planes or, with light, 13.
     pub(crate) fn new(camera: Intrinsics, size: [usize; 2], planes: usize, gaussian: Gaussian) -> GaussianMixture<T> {
-        let in_full = || {
-            let finished = vec![vec![[0.0; STRIP]; size[1]]; planes];
-            Blurred::InFull(Convolution::new::<T>(gaussian.extent_px, size, planes), finished)
-        };
+        let in_full = || Blurred::InFull(Convolution::new::<T>(gaussian.extent_px, size, planes));
         let blurred = match gaussian.form {
             GaussianForm::Exact => in_full(),
             GaussianForm::Fast => match Projection::new(gaussian.extent_px, size, planes) {
@@ -53,14 +50,10 @@ impl<T: Sample> GaussianMixture<T> {
     pub(crate) fn gram(&mut self, sights: Sights<'_, T>) -> Gram {
         let mut gram = Gram::new();
         match &mut self.blurred {
-            Blurred::InFull(convolution, finished) => {
-                self.rows.for_each(sights, |v, planes| {
-                    for (i, plane) in planes.iter().enumerate() {
-                        convolution.take_row(i, v, plane.as_flattened());
-                    }
-                });
-                add_blurred(convolution, finished, &mut gram);
-            }
+            Blurred::InFull(convolution) => self.rows.for_each(sights, |v, planes| {
+                let planes = planes.iter().map(|plane| plane.as_flattened());
+                convolution.take_row(v, planes, |_, rows, finished| add_band(rows.len(), finished, &mut gram));
+            }),
             Blurred::Projected(projection) => {
                 projection.clear();
                 self.rows.for_each(sights, |v, planes| projection.take_row(v, planes));
@@ -72,14 +65,9 @@ impl<T: Sample> GaussianMixture<T> {
     }
 }
 
-/// Adds the products of the planes whose rows the convolution has taken, strip by strip.
-fn add_blurred(convolution: &Convolution, finished: &mut [Vec<Stretch>], gram: &mut Gram) {
-    for strip in 0..convolution.strips() {
-        for (plane, finished) in finished.iter_mut().enumerate() {
-            convolution.finish_strip(plane, strip, finished);
-        }
-        let planes: [&[[f64; LANES]]; COLUMNS] =
-            std::array::from_fn(|i| finished.get(i).map_or(&[][..], |plane| plane.as_flattened().as_chunks().0));
-        add_products(&planes[..finished.len()], gram);
-    }
+/// Adds the products of the first `rows` stretches of all planes.
+fn add_band(rows: usize, finished: &[Vec<Stretch>], gram: &mut Gram) {
+    let planes: [&[[f64; LANES]]; COLUMNS] =
+        std::array::from_fn(|i| finished.get(i).map_or(&[][..], |plane| plane[..rows].as_flattened().as_chunks().0));
+    add_products(&planes[..finished.len()], gram);
 }

@@ -3,7 +3,7 @@
 use domvs_vision::{Depth, DepthMap, HoleFill, Intrinsics, Law, OrderRule, Plane, Sample, Servo, View};
 use proptest::prelude::*;
 
-use super::scenes::{every_method, relative_difference, with_order};
+use super::scenes::{every_method, every_method_on_pixels, relative_difference, with_order};
 
 fn sample() -> impl Strategy<Value = f64> {
     prop_oneof![
@@ -42,6 +42,10 @@ fn check<T: Sample>(law: Law, [width, height]: [usize; 2], planes: &[Vec<f64>]) 
     Ok(())
 }
 
+fn law_of(method: usize) -> Law {
+    every_method().into_iter().chain(every_method_on_pixels()).nth(method).unwrap()
+}
+
 /// The same cases on every run.
 fn config() -> ProptestConfig {
     let rng_seed = prop::test_runner::RngSeed::Fixed(20_240_229);
@@ -53,23 +57,23 @@ proptest! {
 
     #[test]
     fn a_step_is_finite_or_an_error(
-        method in 0..9usize,
+        method in 0..13usize,
         planes in prop::collection::vec(plane(16, 13), 3),
     ) {
-        let law = Law { order: OrderRule::new(2, 8, 1e-3).unwrap(), step_cap: Law::default().step_cap, ..every_method()[method] };
+        let law = Law { order: OrderRule::new(2, 8, 1e-3).unwrap(), step_cap: Law::default().step_cap, ..law_of(method) };
         check::<f32>(law, [16, 13], &planes)?;
         check::<f64>(law, [16, 13], &planes)?;
     }
 
     #[test]
     fn a_brighter_pair_asks_for_the_same_step(
-        method in 0..9usize,
+        method in 0..13usize,
         doublings in -3..4i32,
         planes in prop::collection::vec(prop::collection::vec(0.05..1.0f64, 20 * 15), 2),
     ) {
         let camera = Intrinsics::new([15.0, 16.0], [9.0, 7.0]).unwrap();
         let depth = Depth::Constant { depth_m: 0.8 };
-        let law = with_order(every_method()[method], 6);
+        let law = with_order(law_of(method), 6);
         let [plain, bright] = [0, doublings].map(|doublings| 2f64.powi(doublings)).map(|gain| {
             let [current, desired] = [0, 1].map(|i| Plane::new(20, 15, planes[i].iter().map(|x| gain * x).collect()).unwrap());
             let mut servo = Servo::new(law, camera, View { image: &desired, depth: &depth }).unwrap();

@@ -3,10 +3,10 @@
 use domvs_vision::{Depth, Gain, Gaussian, GaussianForm, Law, LightPrior, Method, Plane, Sample, Step, View};
 
 use super::judge::judge_pixels;
-use super::scenes::{Pair, relative_difference};
+use super::scenes::{Pair, every_method_on_pixels, relative_difference};
 
 fn photometric() -> Law {
-    Law { method: Method::Photometric, gain: Gain::PerSecond(1.0), step_cap: None, ..Law::default() }
+    every_method_on_pixels()[0]
 }
 
 fn mixture(extent_px: f64, form: GaussianForm) -> Law {
@@ -108,15 +108,11 @@ fn single_precision_gives_the_same_twist_on_pixels_while_the_condition_number_is
     assert!(compared > 35, "only {compared} pairs are well conditioned enough to say anything");
 }
 
-fn both() -> [Law; 3] {
-    [photometric(), mixture(3.0, GaussianForm::Exact), mixture(14.0, GaussianForm::Fast)]
-}
-
 #[test]
 fn what_lies_under_a_mask_reaches_no_pixel_method() {
     let mask =
         Plane::from_fn(80, 60, |u, v| if (20..45).contains(&u) && v > 25 { 0.0 } else { 0.5 + 0.005 * u as f64 });
-    for law in both() {
+    for law in every_method_on_pixels() {
         let pair = Pair::<f64>::at_mapped_depth(80, 60);
         let mut servo = pair.servo(law);
         servo.set_mask(Some(&mask)).unwrap();
@@ -134,7 +130,7 @@ fn what_lies_under_a_mask_reaches_no_pixel_method() {
 fn a_light_of_the_laws_form_asks_a_camera_at_its_goal_for_no_motion() {
     let light = [-0.3, 0.1, 0.05, -0.04, 0.02, 0.03];
     let [gain, offset, gain_u, gain_v, offset_u, offset_v] = light;
-    for law in both() {
+    for law in every_method_on_pixels() {
         let pair = Pair::<f64>::at_mapped_depth(80, 60);
         let lit = Plane::from_fn(80, 60, |u, v| {
             let (right, down) = (2.0 * u as f64 / 79.0 - 1.0, 2.0 * v as f64 / 59.0 - 1.0);
@@ -156,7 +152,7 @@ fn a_light_of_the_laws_form_asks_a_camera_at_its_goal_for_no_motion() {
 
 #[test]
 fn a_pixel_method_at_its_goal_stands_exactly_still_and_has_no_order() {
-    for law in both() {
+    for law in every_method_on_pixels() {
         let pair = Pair::<f32>::at_mapped_depth(52, 38);
         let step = pair.servo(Law { gain: Gain::PerSecond(2.0), ..law }).step(pair.desired()).unwrap();
         assert!(step.twist.to_array().iter().all(|x| *x == 0.0), "exactly: I - I* is taken before any rounding");

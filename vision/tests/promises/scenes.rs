@@ -1,8 +1,8 @@
 //! Test pairs: smooth images that no basis can hide from, tilted depths, and the laws and cameras that go with them.
 
 use domvs_vision::{
-    Depth, DepthMap, Gain, HoleFill, Intrinsics, KrawtchoukP, Lattice, Law, Method, OrderRule, Plane, Sample, Servo,
-    View, Window,
+    Depth, DepthMap, Gain, Gaussian, GaussianForm, HoleFill, Intrinsics, KrawtchoukP, Lattice, Law, Method, OrderRule,
+    Plane, Sample, Servo, View, Window,
 };
 
 /// Two views of one scene, made in `f64` and rounded to `f32` values, so that both number types see the same pixels.
@@ -27,6 +27,18 @@ pub fn every_method() -> Vec<Law> {
         Law { method: Method::Tchebichef, ..law },
         Law { method: Method::Cosine, ..law },
     ]
+}
+
+/// The methods whose features are pixels; the fast mixture in both its ways.
+pub fn every_method_on_pixels() -> [Law; 4] {
+    let photometric = Law { method: Method::Photometric, step_cap: None, gain: Gain::PerSecond(1.0), ..Law::default() };
+    let mixture = |extent_px, form| Law {
+        method: Method::GaussianMixture,
+        gaussian: Gaussian { extent_px, form },
+        ..photometric
+    };
+    let (exact, fast) = (GaussianForm::Exact, GaussianForm::Fast);
+    [photometric, mixture(3.0, exact), mixture(0.7, fast), mixture(6.0, fast)]
 }
 
 pub fn with_order(law: Law, order: usize) -> Law {

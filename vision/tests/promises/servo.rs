@@ -4,7 +4,7 @@ use domvs_vision::{
     Depth, Gain, Law, LawError, Method, OrderRule, Plane, Servo, ServoError, StepCap, Twist, View, Window, WindowInUse,
 };
 
-use super::scenes::{Pair, every_method, relative_difference, with_order};
+use super::scenes::{Pair, every_method, every_method_on_pixels, relative_difference, with_order};
 
 #[test]
 fn twist_is_zero_when_current_equals_desired() {
@@ -19,7 +19,7 @@ fn twist_is_zero_when_current_equals_desired() {
 #[test]
 fn the_same_inputs_give_the_same_bits_whatever_came_before() {
     let pair = Pair::<f32>::at_mapped_depth(80, 60);
-    for law in every_method() {
+    for law in every_method().into_iter().chain(every_method_on_pixels()) {
         let law = Law { order: OrderRule::new(4, 12, 1e-3).unwrap(), ..law };
         let fresh = pair.servo(law).step(pair.current()).unwrap();
         let mut used = pair.servo(law);
