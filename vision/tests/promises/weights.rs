@@ -1,7 +1,8 @@
 //! Masks and holes: what has no weight has no say, and what has some says it in proportion.
 
 use domvs_vision::{
-    Depth, DepthMap, HoleFill, Holes, Law, LightPrior, MaskError, Method, NoiseFloor, Plane, ServoError, View,
+    Depth, DepthMap, Gaussian, GaussianForm, HoleFill, Holes, Law, LightPrior, MaskError, Method, NoiseFloor, Plane,
+    ServoError, View,
 };
 
 use super::judge::{judge_weighted, polynomials};
@@ -63,10 +64,20 @@ fn every_family_equals_the_literal_sums_with_weights() {
     }
 }
 
+/// Every family, and the methods on pixels.
+fn every_law() -> Vec<Law> {
+    let mut laws = every_method();
+    laws.push(Law { method: Method::Photometric, ..laws[0] });
+    for form in [GaussianForm::Exact, GaussianForm::Fast] {
+        laws.push(Law { method: Method::GaussianMixture, gaussian: Gaussian { extent_px: 3.0, form }, ..laws[0] });
+    }
+    laws
+}
+
 #[test]
 fn what_lies_under_the_mask_changes_no_bit_of_the_step() {
     let pair = Pair::<f64>::at_mapped_depth(WIDTH, HEIGHT);
-    for law in every_method() {
+    for law in every_law() {
         let options = Law { light: Some(LightPrior::default()), noise_floor: NoiseFloor::Subtracted, ..law };
         for law in [law, options] {
             let steps = [0, 1].map(|seed| {
@@ -85,7 +96,7 @@ fn what_lies_under_the_mask_changes_no_bit_of_the_step() {
 #[test]
 fn a_white_mask_is_no_mask_and_taking_a_mask_away_brings_the_plain_step_back() {
     let pair = Pair::<f64>::at_mapped_depth(WIDTH, HEIGHT);
-    for law in every_method() {
+    for law in every_law() {
         let mut servo = pair.servo(law);
         let plain = servo.step(pair.current()).unwrap();
         servo.set_mask(Some(&mask())).unwrap();
