@@ -74,7 +74,7 @@ pub(crate) struct Chosen {
 
 macro_rules! families {
     ($($module:ident::$family:ident $what:literal)+) => {
-        $(#[doc = $what] pub mod $module;)+
+        $(pub mod $module;)+
         $(pub use $module::$family;)+
 
         /// What the law compares in the two images.
