@@ -7,7 +7,7 @@ use std::time::Duration;
 use domvs_proto::settings::{self, TaskSettings};
 use domvs_proto::status::Status;
 use domvs_proto::twist::{TwistFlags, TwistMessage};
-use domvs_vision::{Depth, DepthMap, HoleFill, Plane, Step, Twist, View};
+use domvs_vision::{Depth, DepthMap, HoleFill, Plane, ServoError, Step, Twist, View};
 
 use crate::Moment;
 use crate::age::Age;
@@ -102,7 +102,7 @@ fn compute(task: &mut Task, frame: &Frame<'_>, now: Moment, answer: &mut TwistMe
     let step = target
         .servo
         .step(View { image, depth: &target.depth })
-        .map_err(|error| Refusal::because(Status::BadFrame, error))?;
+        .map_err(|error| Refusal::because(status_of(&error), error))?;
     target.told = Some(Told { twist: Twist::ZERO, received: frame.received });
     task.estimates = estimates(&step, &task.settings);
     note(answer, &step, current_filled || target.filled || task.estimates.depth_scale.is_some());
@@ -198,6 +198,14 @@ fn update_depth(depth: &mut Depth<f32>, settings: &TaskSettings, plane: Option<&
         return Err(no_depth(format!("the depth of {unknown} of {pixels} pixels is unknown, more than half")));
     }
     Ok(unknown > 0)
+}
+
+/// The word for a step that could not be made. Only holes in the depth change how many pixels have weight.
+fn status_of(error: &ServoError) -> Status {
+    match error {
+        ServoError::Mask(_) => Status::NoDepth,
+        _ => Status::BadFrame,
+    }
 }
 
 /// What the camera was told to do between the last step and this frame: metres and radians. Nothing is known of a camera

@@ -26,7 +26,7 @@ enum Simulated {
     Camera(CameraArgs),
 }
 
-/// A free-flying camera in front of a photograph
+/// A free-flying camera in front of a photograph, or in a world
 ///
 /// Publishes frames on domvs/camera/NAME/frame and follows the twists of its client's tasks. It brakes on zeros, on
 /// silence, when a twist has expired, and on `domvs stop --all`. Its target is what it would see from where it should

@@ -8,7 +8,8 @@ use anyhow::Context;
 use clap::Args;
 use domvs_proto::keys::Name;
 use domvs_simulators::motion::EXPERIMENT_1;
-use domvs_simulators::{CameraSettings, Disturbance, Photograph};
+use domvs_simulators::spec::named_worlds;
+use domvs_simulators::{CameraSettings, Disturbance, Photograph, World, WorldSpec};
 
 use super::numbers;
 
@@ -18,6 +19,15 @@ pub struct SceneOptions {
     /// A photograph: a PNG or JPEG file, or one that is bundled: astronaut, coffee, chelsea, camera, brick, noise
     #[arg(long, value_name = "FILE", default_value = "astronaut")]
     pub texture: String,
+
+    /// A world instead, with its camera, start and disturbances: a TOML file as in docs/worlds.md, or one that is bundled:
+    /// object, plane, boxes
+    #[arg(
+        long,
+        value_name = "NAME|FILE",
+        conflicts_with_all = ["texture", "size", "displacement", "noise", "light_change"]
+    )]
+    pub world: Option<String>,
 
     /// Size of the images, pixels
     #[arg(long, value_name = "WxH", default_value = "512x512")]
@@ -36,17 +46,21 @@ pub struct SceneOptions {
     #[arg(long, value_name = "GAIN,OFFSET", default_value_t, allow_hyphen_values = true)]
     pub light_change: LightChangeOption,
 
-    /// Seed of the noise
+    /// Seed of the noise; in a world with random starts, which of them
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
 }
 
 impl SceneOptions {
-    /// The camera these options describe: the photograph cropped square, 0.7 m wide, 1 m away, 60° field of view.
+    /// The camera these options describe: that of the world, or one before the photograph cropped square, 0.7 m wide, 1 m away, 60°
+    /// field of view.
     ///
     /// # Errors
-    /// Fails, naming the file, when the photograph cannot be read.
+    /// Fails, naming the file, when the photograph or the world cannot be read.
     pub fn camera(&self, name: Name) -> anyhow::Result<CameraSettings> {
+        if let Some(world) = &self.world {
+            return Ok(CameraSettings::of_world(name, &open_world(world)?, self.seed));
+        }
         let photograph = photograph(&self.texture)?.cropped_square();
         Ok(CameraSettings {
             width: self.size.width,
@@ -72,6 +86,19 @@ fn photograph(texture: &str) -> anyhow::Result<Photograph> {
     Photograph::open(texture).with_context(|| {
         format!("--texture takes a PNG or JPEG file, or one of {}", Photograph::bundled_names().join(", "))
     })
+}
+
+/// A bundled name is one unless a file of that name lies here.
+fn open_world(world: &str) -> anyhow::Result<World> {
+    let path = Path::new(world);
+    let built = match named_worlds().contains(&world) && !path.exists() {
+        true => WorldSpec::named(world).and_then(|spec| spec.build(Path::new("."))),
+        false => {
+            let folder = path.parent().unwrap_or(Path::new("."));
+            WorldSpec::open(path).and_then(|spec| spec.build(folder))
+        }
+    };
+    built.with_context(|| format!("--world {world}: expected a TOML file, or one of {}", named_worlds().join(", ")))
 }
 
 /// `--size WxH`.
@@ -163,6 +190,19 @@ impl fmt::Display for LightChangeOption {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_world_is_bundled_or_a_file_and_brings_its_own_camera() {
+        let bundled = open_world("boxes").expect("a bundled world");
+        assert_eq!((bundled.name.as_str(), bundled.camera.width), ("boxes", 128));
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("small.toml");
+        std::fs::write(&path, "[camera]\nwidth = 64\n").expect("a file");
+        let world = open_world(path.to_str().expect("text")).expect("a world file");
+        assert_eq!((world.camera.width, world.camera.height), (64, 128));
+        let error = format!("{:#}", open_world("nowhere").expect_err("no such world"));
+        assert!(error.contains("nowhere") && error.contains("boxes"), "{error}");
+    }
 
     #[test]
     fn sizes_displacements_and_lights_parse_as_they_are_shown() {

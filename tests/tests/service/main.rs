@@ -11,6 +11,7 @@ mod fuzz;
 mod hostile;
 mod life;
 mod load;
+mod methods;
 mod pictures;
 mod pushed;
 mod recording;

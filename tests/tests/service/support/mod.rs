@@ -18,7 +18,7 @@ use domvs_server::{ServerConfig, Service};
 use zenoh::{Config, Session};
 
 pub use following::{Following, next_status, push};
-pub use pictures::{Scene, gray8, jpeg, png};
+pub use pictures::{Scene, exact, gray8, jpeg, png};
 pub use questions::{Answer, Question, code};
 
 /// Longer than anything here takes on a busy machine of two cores; nothing waits for it when all is well.

@@ -65,8 +65,8 @@ impl Scene {
     }
 }
 
-/// Every sample as it is.
-fn exact(rendering: &Rendering) -> OutgoingFrame {
+/// Every sample as it is, 32-bit gray and depth.
+pub fn exact(rendering: &Rendering) -> OutgoingFrame {
     let Rendering { image, depth, .. } = rendering;
     let pixels: Vec<u8> = image.samples().iter().flat_map(|gray| gray.to_le_bytes()).collect();
     let (width, height) = (image.width() as u32, image.height() as u32);
