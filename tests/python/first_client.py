@@ -140,8 +140,8 @@ def least_loaded_worker(session, prefix, timeout_s=3.0):
     raise NoAnswer(f"no worker on {prefix}/worker/*/info within {timeout_s} s")
 
 
-def servo_once(session, prefix, name):
-    """A task from creation to closing, with one twist in between."""
+def servo_once(session, prefix, name, changes=None):
+    """A task from creation to closing, with one twist in between. `changes` are settings besides those below."""
     worker = least_loaded_worker(session, prefix)
     settings = {
         "camera": {
@@ -157,6 +157,7 @@ def servo_once(session, prefix, name):
         "frame_period_s": FRAME_PERIOD_S,
         # Sideways, downwards and around the optical axis: a shift is then a translation, not partly a tilt.
         "degrees_of_freedom": [True, True, False, False, False, True],
+        **(changes or {}),
     }
     created = json.loads(ask(session, f"{prefix}/worker/{worker['worker']}/create/{name}", json.dumps(settings)))
     task, secret = f"{prefix}/task/{created['task']}", bytes.fromhex(created["secret"])

@@ -3,8 +3,9 @@
     python tests/python/run.py target/release/domvs
 
 Starts `domvs serve` as its own router on a free loopback port, from deploy/zenoh/router.json5, with a recording. Then:
-the golden bytes; a twist by request; twists by pushed frames, and zeros when they stop; the example of docs/protocol.md as
-it is printed; the end by SIGTERM; the recording, read by the `mcap` package. The last line is `N passed, N failed`.
+the golden bytes; a twist by request, and a photometric one against numpy's; twists by pushed frames, and zeros when they
+stop; the example of docs/protocol.md as it is printed; the end by SIGTERM; the recording, read by the `mcap` package. The last
+line is `N passed, N failed`.
 Needs tests/python/requirements.txt. Ends within LIMIT_S, whatever happens.
 """
 
@@ -24,6 +25,7 @@ import traceback
 
 import first_client
 import golden
+import photometric
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROTOCOL = ROOT / "docs" / "protocol.md"
@@ -236,6 +238,7 @@ def run_service(domvs, folder, report):
     try:
         if report.run("the service gets ready", service.wait_until_ready):
             report.run("a twist by request", lambda: check_first_client(service.endpoint))
+            report.run("a photometric twist", lambda: photometric.check(service.endpoint))
             report.run("twists by pushed frames", lambda: check_pushed_frames(service.endpoint))
             report.run("the example of docs/protocol.md", lambda: check_documented_example(service.endpoint, folder))
             report.run("the service ends by SIGTERM", service.stop)

@@ -5,17 +5,20 @@ use std::time::Duration;
 
 use domvs_proto::frame::{DepthFormat, FrameHeader, PixelFormat};
 use domvs_proto::messages::Control;
-use domvs_proto::settings::{Limits, TaskSettings};
+use domvs_proto::settings::{Limits, Mask, Method, TaskSettings};
 use domvs_proto::status::Status;
 use domvs_server::decode::DecodeLimits;
 use domvs_server::pipeline::on_frame;
 use domvs_server::task::{Frame, Route, Task};
 use domvs_server::{AccelerationLimits, Governor};
 use domvs_vision::Twist;
+use image::ExtendedColorType;
 use rand::rngs::StdRng;
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use serde_json::{Value, json};
+
+use crate::support::png;
 
 /// Printed with every failure.
 const SEED: u64 = 20_261_122;
@@ -35,7 +38,10 @@ fn settings(rng: &mut StdRng) -> TaskSettings {
             "cx": rng.gen_range(-100.0..100.0), "cy": rng.gen_range(-100.0..100.0),
             "width": width, "height": height,
         },
-        "method": pick(rng, [json!("hahn"), json!("krawtchouk"), json!("tchebichef"), json!("cosine")]),
+        "method": pick(rng, Method::ALL.map(|method| json!(method))),
+        "gaussian_px": pick(rng, [json!(null), json!(0.5), json!(512)]),
+        "light": pick(rng, [json!("none"), json!({}), json!({ "gain_std": 10, "offset_std": 0 })]),
+        "noise_floor": pick(rng, [json!("ignore"), json!("subtract")]),
         "window": pick(rng, [
             json!("adaptive"), json!("adaptive_paper"), json!({ "fixed": { "a": 0, "b": 100_000 } }),
             json!({ "fixed": { "a": 8, "b": 8 } }),
@@ -50,17 +56,29 @@ fn settings(rng: &mut StdRng) -> TaskSettings {
         ]),
         "depth": pick(rng, [
             json!({ "constant_m": 0.01 }), json!({ "constant_m": 1000 }), json!("map"),
-            json!({ "map": { "fallback_m": 1 } }), json!("target"),
+            json!({ "map": { "fallback_m": 1 } }), json!({ "map": { "holes": "ignore" } }), json!("target"),
         ]),
         "limits": pick(rng, [json!({}), json!({ "linear_m_per_s": 1e-6 }), json!("none")]),
         "step_cap": pick(rng, [json!({}), json!("none")]),
         "degrees_of_freedom": pick(rng, [
             json!([true, true, true, true, true, true]), json!([false, false, false, false, false, true]),
         ]),
-        "preprocess": { "invert": rng.r#gen::<bool>() },
+        "preprocess": { "invert": rng.r#gen::<bool>(), "mask": mask(rng, [width, height]) },
         "autostart": rng.r#gen::<bool>(),
     });
-    TaskSettings::from_json(&settings).unwrap_or_else(|error| panic!("{error}: {settings}"))
+    let settings = TaskSettings::from_json(&settings).unwrap_or_else(|error| panic!("{error}: {settings}"));
+    // Where the other settings allow for it.
+    settings.merge_patch(&json!({ "depth_scale": "estimate" })).unwrap_or(settings)
+}
+
+/// None as a rule; else any weights.
+fn mask(rng: &mut StdRng, size: [u32; 2]) -> Value {
+    if rng.gen_bool(0.7) {
+        return Value::Null;
+    }
+    let black = rng.gen_range(0.0..1.0);
+    let gray: Vec<u8> = (0..size[0] * size[1]).map(|_| if rng.gen_bool(black) { 0 } else { rng.r#gen() }).collect();
+    json!(Mask { png: png(&gray, size, ExtendedColorType::L8) })
 }
 
 /// A frame that is mostly well made: random content, now and then a wrong size, a lie or garbage.
