@@ -99,8 +99,9 @@ impl DepthScaleEstimate {
             products += p * d;
             error_squared += e * e;
         }
-        if error_squared > 0.0 {
-            self.sums = [KEPT * self.sums[0] + squares / error_squared, KEPT * self.sums[1] + products / error_squared];
+        let told = [squares / error_squared, products / error_squared];
+        if told.iter().all(|sum| sum.is_finite()) {
+            self.sums = [0, 1].map(|i| KEPT * self.sums[i] + told[i]);
         }
     }
 }
@@ -162,6 +163,16 @@ mod tests {
         estimate.forget_frames();
         estimate.update(8, Some([0.1; 6]), std::iter::once(row));
         assert_eq!(estimate.scale(), before);
+    }
+
+    #[test]
+    fn an_error_that_is_nothing_or_beyond_all_numbers_teaches_nothing() {
+        for error in [0.0, 1e200] {
+            let mut estimate = DepthScaleEstimate::new();
+            let row = FeatureRow { n: 0, m: 0, error, interaction: [error; 6] };
+            (0..2).for_each(|_| estimate.update(6, Some([0.1; 6]), std::iter::once(row)));
+            assert_eq!(estimate.scale(), 1.0);
+        }
     }
 
     #[test]

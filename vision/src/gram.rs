@@ -68,6 +68,11 @@ impl Gram {
         }
     }
 
+    /// Whether every product is a number.
+    pub fn is_finite(&self) -> bool {
+        self.products.iter().all(|product| product.is_finite())
+    }
+
     /// `L̂ᵀL̂`, `L̂ᵀe` and `e·e`: light left alone.
     pub fn normal_equations(&self) -> NormalEquations {
         let mut matrix: Matrix6<f64> = self.products.fixed_view::<6, 6>(0, 0).into_owned();

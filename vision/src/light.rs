@@ -65,36 +65,40 @@ impl Products {
 
     /// The equations for `x` when a feature's residual has this variance `s²`: with `h` in units of the prior and `K = CᵀC + s²`,
     /// `h = K⁻¹ (Cᵀe + s² c + CᵀL x)`, put into `LᵀL x - LᵀC h = -Lᵀe`.
-    fn separate(&self, plain: &NormalEquations, center: [f64; 6], variance: f64) -> Separated {
+    /// `None` where a number is too large for one.
+    fn separate(&self, plain: &NormalEquations, center: [f64; 6], variance: f64) -> Option<Separated> {
         // Only a column that is in the law has a centre; without its prior it would divide by zero.
         let center =
             Vector6::from_fn(|i, _| if self.deviations[i] > 0.0 { center[i] / self.deviations[i] } else { 0.0 });
-        let eigen = SymmetricEigen::new(self.cc + variance * Matrix6::identity());
+        let k = self.cc + variance * Matrix6::identity();
+        if !k.iter().all(|number| number.is_finite()) {
+            return None;
+        }
+        let eigen = SymmetricEigen::new(k);
         let inverse = eigen.eigenvalues.map(|eigenvalue| 1.0 / eigenvalue.max(variance));
         let k_inverse = eigen.eigenvectors * Matrix6::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
         let at_rest = k_inverse * (self.ce + variance * center);
         let per_step = k_inverse * self.lc.transpose();
         let reduced = plain.matrix - self.lc * per_step;
         let scale = Matrix6::from_diagonal(&self.deviations);
-        Separated {
-            equations: NormalEquations {
-                matrix: 0.5 * (reduced + reduced.transpose()),
-                vector: plain.vector - self.lc * at_rest,
-                ..*plain
-            },
-            at_rest: scale * at_rest,
-            per_step: scale * per_step,
-        }
+        let equations = NormalEquations {
+            matrix: 0.5 * (reduced + reduced.transpose()),
+            vector: plain.vector - self.lc * at_rest,
+            ..*plain
+        };
+        let is_finite = equations.is_finite();
+        is_finite.then_some(Separated { equations, at_rest: scale * at_rest, per_step: scale * per_step })
     }
 }
 
 /// Takes the light out of the products of one step, `previous` being the light of the step before; `free` are the camera's degrees.
-pub(crate) fn separate(gram: &Gram, prior: &LightPrior, previous: [f64; 6], free: [bool; 6]) -> Separated {
+/// `None` where a number is too large for one.
+pub(crate) fn separate(gram: &Gram, prior: &LightPrior, previous: [f64; 6], free: [bool; 6]) -> Option<Separated> {
     let (plain, products) = (gram.normal_equations(), Products::of(gram, prior));
     let center = previous.map(|light| REMEMBERED * light);
     let per_feature = |squares: f64| (squares / gram.features as f64).max(LEAST_VARIANCE);
     // Two passes: the variance of what a first solution leaves unexplained is the variance of the second.
-    let first = products.separate(&plain, center, per_feature(plain.error_squared));
+    let first = products.separate(&plain, center, per_feature(plain.error_squared))?;
     let step = first.equations.solve(free).gauss_newton;
     let residual = residual_squared(gram, step, first.light(step));
     products.separate(&plain, center, per_feature(residual))
@@ -170,7 +174,7 @@ mod tests {
     #[test]
     fn a_step_and_a_light_that_explain_the_error_are_both_found() {
         let gram = gram(0.0);
-        let separated = separate(&gram, &LOOSE, [0.0; 6], [true; 6]);
+        let separated = separate(&gram, &LOOSE, [0.0; 6], [true; 6]).expect("numbers");
         let step = separated.equations.solve([true; 6]).gauss_newton;
         assert!(distance(step, STEP) < 1e-9, "the prior weighs 1e-6/1e8 against products near 20");
         assert!(distance(separated.light(step), LIGHT_NOW) < 1e-9);
@@ -182,14 +186,14 @@ mod tests {
     fn the_solution_is_the_least_of_what_is_unexplained_and_unlikely() {
         let (gram, prior, previous) = (gram(0.2), LightPrior::default(), [0.1, -0.1, 0.05, 0.0, 0.02, 0.0]);
         let free = [true, true, true, true, false, true];
-        let first = separate(&gram, &prior, previous, free);
+        let first = separate(&gram, &prior, previous, free).expect("numbers");
         let step = first.equations.solve(free).gauss_newton;
         let light = first.light(step);
         // The variance that the second pass took, from a pass of our own.
         let products = Products::of(&gram, &prior);
         let plain = gram.normal_equations();
         let center = previous.map(|light| 0.9 * light);
-        let pass = products.separate(&plain, center, plain.error_squared / 40.0);
+        let pass = products.separate(&plain, center, plain.error_squared / 40.0).expect("numbers");
         let its_step = pass.equations.solve(free).gauss_newton;
         let variance = residual_squared(&gram, its_step, pass.light(its_step)) / 40.0;
         let cost = |step: [f64; 6], light: [f64; 6]| {
@@ -214,11 +218,11 @@ mod tests {
     fn a_light_that_may_not_change_stays_and_a_tight_prior_keeps_it_near_what_it_was() {
         let gram = gram(0.1);
         let only_gain = LightPrior { gain: 1e4, offset: 0.0, gain_slope: 0.0, offset_slope: 0.0 };
-        let separated = separate(&gram, &only_gain, [0.0; 6], [true; 6]);
+        let separated = separate(&gram, &only_gain, [0.0; 6], [true; 6]).expect("numbers");
         let light = separated.light(separated.equations.solve([true; 6]).gauss_newton);
         assert!(light[0] != 0.0 && light[1..] == [0.0; 5]);
         let tight = LightPrior { gain: 1e-9, offset: 1e-9, gain_slope: 1e-9, offset_slope: 1e-9 };
-        let separated = separate(&gram, &tight, [0.5; 6], [true; 6]);
+        let separated = separate(&gram, &tight, [0.5; 6], [true; 6]).expect("numbers");
         let light = separated.light(separated.equations.solve([true; 6]).gauss_newton);
         assert!(distance(light, [0.45; 6]) < 1e-9, "nine tenths of what it was");
     }

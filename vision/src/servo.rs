@@ -4,7 +4,7 @@
 
 mod error;
 
-use crate::basis::{BasisError, LENGTHS};
+use crate::basis::LENGTHS;
 use crate::camera::Intrinsics;
 use crate::control::cap_step;
 use crate::depth::Depth;
@@ -150,15 +150,21 @@ impl<T: Sample> Servo<T> {
 
         let gram = self.gram(current, chosen, order)?;
         let free = self.law.degrees_of_freedom;
-        let separated = self.law.light.map(|prior| separate(&gram, &prior, self.light.unwrap_or_default(), free));
+        let separated = match self.law.light {
+            Some(prior) => {
+                let known = self.light.unwrap_or_default();
+                Some(separate(&gram, &prior, known, free).ok_or(ServoError::ImageNotFinite)?)
+            }
+            None => None,
+        };
         let equations = separated.map_or_else(|| gram.normal_equations(), |separated| separated.equations);
-        if !equations.is_finite() {
-            return Err(ServoError::ImageNotFinite);
-        }
 
         let solution = equations.solve(free);
         let rank_deficient = solution.rank < free.iter().filter(|free| **free).count();
         let light = separated.map(|separated| separated.light(solution.gauss_newton));
+        if !light.iter().flatten().all(|number| number.is_finite()) {
+            return Err(ServoError::ImageNotFinite);
+        }
         let depth_scale = self.update_depth_scale(order, light);
         let gauss_newton = at_scale(solution.gauss_newton, depth_scale);
         let (capped, step_capped) = cap_step(gauss_newton, self.law.step_cap);
@@ -296,11 +302,7 @@ impl<T: Sample> Servo<T> {
         prior: &LightPrior,
     ) -> Result<[f64; 6], ServoError> {
         let order = light::FIRST_GUESS_ORDER.min(order_rule(&self.law).max());
-        let gram = self.gram(current, chosen, order)?;
-        if !gram.normal_equations().is_finite() {
-            return Err(ServoError::ImageNotFinite);
-        }
-        Ok(light_alone(&gram, prior))
+        Ok(light_alone(&self.gram(current, chosen, order)?, prior))
     }
 
     fn pixel_mse(&self, image: &Plane<T>, light: Option<[f64; 6]>) -> Result<f64, ServoError> {
@@ -321,13 +323,14 @@ impl<T: Sample> Servo<T> {
         }
     }
 
-    fn gram(&mut self, current: View<'_, T>, chosen: Option<Chosen>, order: usize) -> Result<Gram, BasisError> {
+    fn gram(&mut self, current: View<'_, T>, chosen: Option<Chosen>, order: usize) -> Result<Gram, ServoError> {
         let sights = Sights {
             current: (current.image, current.depth),
             desired: (&self.desired_image, &self.desired_depth),
             weight: self.weights.plane(),
         };
-        self.features.gram(chosen, order, sights)
+        let gram = self.features.gram(chosen, order, sights)?;
+        if gram.is_finite() { Ok(gram) } else { Err(ServoError::ImageNotFinite) }
     }
 
     /// Learns from the last step's features, and says what the inverse of the given depth is to be multiplied by.

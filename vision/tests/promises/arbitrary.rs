@@ -1,6 +1,8 @@
 //! Whatever the pixels and depths are, a step is finite or an error: never a twist that is not a number, never a panic.
 
-use domvs_vision::{Depth, DepthMap, HoleFill, Intrinsics, Law, OrderRule, Plane, Sample, Servo, View};
+use domvs_vision::{
+    Depth, DepthMap, HoleFill, Holes, Intrinsics, Law, LightPrior, NoiseFloor, OrderRule, Plane, Sample, Servo, View,
+};
 use proptest::prelude::*;
 
 use super::scenes::{every_method, every_method_on_pixels, relative_difference, with_order};
@@ -29,9 +31,10 @@ fn check<T: Sample>(law: Law, [width, height]: [usize; 2], planes: &[Vec<f64>]) 
     let (map, constant) = (Depth::Map(map), Depth::Constant { depth_m: 0.8 });
     let camera = Intrinsics::new([15.0, 16.0], [7.0, 6.0]).unwrap();
     let Ok(mut servo) = Servo::new(law, camera, View { image: &desired, depth: &map }) else { return Ok(()) };
-    for depth in [&map, &constant] {
+    for depth in [&map, &constant, &map] {
         if let Ok(step) = servo.step(View { image: &current, depth }) {
             prop_assert!(step.twist.is_finite() && step.gauss_newton.iter().all(|x| x.is_finite()));
+            prop_assert!(step.light.iter().flatten().all(|x| x.is_finite()));
             prop_assert!(step.rank <= 6 && step.condition_number >= 1.0);
             if let Some(cap) = law.step_cap {
                 prop_assert!(step.twist.linear_norm() <= step.gain_per_s * cap.translation_m * (1.0 + 1e-12));
@@ -58,9 +61,18 @@ proptest! {
     #[test]
     fn a_step_is_finite_or_an_error(
         method in 0..13usize,
+        options in prop::array::uniform3(any::<bool>()),
         planes in prop::collection::vec(plane(16, 13), 3),
     ) {
-        let law = Law { order: OrderRule::new(2, 8, 1e-3).unwrap(), step_cap: Law::default().step_cap, ..law_of(method) };
+        let [light, noise, holes] = options;
+        let law = Law {
+            order: OrderRule::new(2, 8, 1e-3).unwrap(),
+            step_cap: Law::default().step_cap,
+            light: light.then(LightPrior::default),
+            noise_floor: if noise { NoiseFloor::Subtracted } else { NoiseFloor::Ignored },
+            holes: if holes { Holes::Ignored } else { Holes::Filled },
+            ..law_of(method)
+        };
         check::<f32>(law, [16, 13], &planes)?;
         check::<f64>(law, [16, 13], &planes)?;
     }
