@@ -14,6 +14,7 @@ pub mod spec;
 pub mod service;
 pub mod world;
 
+pub mod landscape;
 pub mod outcome;
 pub mod parameters;
 pub mod runner;

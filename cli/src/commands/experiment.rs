@@ -1,6 +1,8 @@
 //! `domvs experiment`: the paper's experiments and sweeps of one's own, in lock-step with a simulated camera.
 //! One file per verb; what they do is in [`crate::experiment`].
 
+mod basis;
+mod landscape;
 mod list;
 mod run;
 mod sweep;
@@ -34,6 +36,8 @@ enum Verb {
     List(list::ListArgs),
     Run(run::RunArgs),
     Sweep(sweep::SweepArgs),
+    Landscape(landscape::LandscapeArgs),
+    Basis(basis::BasisArgs),
 }
 
 /// What `run` and `sweep` take alike.
@@ -121,5 +125,7 @@ pub fn run(args: &ExperimentArgs, paint: Paint, paint_errors: Paint) -> anyhow::
         Verb::List(args) => list::run(args, paint),
         Verb::Run(args) => run::run(args, paint, paint_errors),
         Verb::Sweep(args) => sweep::run(args, paint, paint_errors),
+        Verb::Landscape(args) => landscape::run(args, paint, paint_errors),
+        Verb::Basis(args) => basis::run(args, paint),
     }
 }

@@ -68,6 +68,13 @@ impl Page {
         self.push("</div>");
     }
 
+    /// Plots under each other, each as wide as it is.
+    pub fn wide<'a>(&mut self, plots: impl IntoIterator<Item = &'a Plot>) {
+        for plot in plots {
+            self.push(&format!("<figure>{}</figure>", plot.svg));
+        }
+    }
+
     /// Plots that are folded away until they are asked for.
     pub fn folded<'a>(&mut self, summary: &str, plots: impl IntoIterator<Item = &'a Plot>) {
         self.push(&format!("<details><summary>{}</summary>", escaped(summary)));

@@ -58,7 +58,7 @@ pub fn run(
     interrupted: &AtomicBool,
 ) -> anyhow::Result<Option<Run>> {
     let name = || format!("{} {}, {} (seed {})", plan.cell.scene, plan.cell.disturbance, plan.cell.method, plan.seed);
-    let mut world = world::open(&plan.world, plan.seed).with_context(name)?;
+    let mut world = world::open(plan).with_context(name)?;
     let settings = settings(plan, &world).with_context(name)?;
     let servoed = servo(plan, &settings, &mut world, service, watcher, interrupted).with_context(name)?;
     Ok(servoed.map(|(track, rows, status)| {
@@ -69,7 +69,10 @@ pub fn run(
 }
 
 /// The settings of a run: the defaults for its camera, and every layer of the plan over them.
-fn settings(plan: &RunPlan, world: &World) -> anyhow::Result<TaskSettings> {
+///
+/// # Errors
+/// Fails on a setting that is unknown, out of range or not supported.
+pub fn settings(plan: &RunPlan, world: &World) -> anyhow::Result<TaskSettings> {
     let camera = Table::from_iter([("camera".to_owned(), serde_json::to_value(world.camera)?)]);
     let mut settings = TaskSettings::from_json(&Value::Object(camera))?;
     for layer in &plan.settings {
@@ -129,7 +132,10 @@ fn note(track: &mut Track, simulation: &Simulation) {
 }
 
 /// Float pixels and float depth.
-fn frame(rendering: &Rendering, sequence: u64) -> anyhow::Result<OutgoingFrame> {
+///
+/// # Errors
+/// Fails when the two planes differ in size.
+pub fn frame(rendering: &Rendering, sequence: u64) -> anyhow::Result<OutgoingFrame> {
     let (width, height) = (rendering.image.width() as u32, rendering.image.height() as u32);
     let pixels: Vec<u8> = rendering.image.samples().iter().flat_map(|gray| gray.to_le_bytes()).collect();
     let depth = DepthPlane::Metres(rendering.depth.samples());

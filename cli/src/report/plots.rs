@@ -2,9 +2,11 @@
 //! in one picture. Which numbers go where is said here; `chart` does the drawing.
 
 mod chart;
+mod heat;
 mod path;
 
 pub use chart::{Panel, Scale, Series, charts};
+pub use heat::{Colors, Heat, heats};
 
 use std::path::Path;
 
