@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::plan::RunPlan;
 use super::runner::{frame, settings};
 use super::service::{InProcess, Service};
-use super::world;
+use super::world::Worlds;
 
 /// Over which shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,8 +56,8 @@ pub struct Landscape {
 ///
 /// # Errors
 /// Fails when the world or the settings are impossible, or the service refuses the target.
-pub fn landscape(plan: &RunPlan, grid: Grid) -> anyhow::Result<Landscape> {
-    let mut world = world::open(plan)?;
+pub fn landscape(plan: &RunPlan, worlds: &Worlds, grid: Grid) -> anyhow::Result<Landscape> {
+    let mut world = worlds.open(plan)?;
     let settings: TaskSettings = settings(plan, &world)?;
     let simulation = &mut world.simulation;
     let mut service = InProcess::default();
@@ -147,7 +147,7 @@ mod tests {
         let text = "name = 'x'\nmethods = ['TM']\n[camera]\nwidth = 48\nheight = 48\n[settings]\norder = 4";
         let plan = Experiment::parse(text).expect("a file").plan(&Overrides::default()).expect("a plan").remove(0);
         let grid = Grid { reach_m: 0.1, steps: 5 };
-        let landscape = landscape(&plan, grid).expect("a landscape");
+        let landscape = landscape(&plan, &Worlds::default(), grid).expect("a landscape");
         assert_eq!(landscape.loss[grid.middle()], 0.0);
         assert_eq!(landscape.basin, 1.0, "{landscape:?}");
         assert!(landscape.near_share > 0.0 && landscape.near_share < 0.1);

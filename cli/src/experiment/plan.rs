@@ -3,6 +3,9 @@
 //! Displacement `k` of a cell has the seed `seed + k`, whatever the method and the disturbance: methods are compared on the
 //! same starts and the same noise. So `run FILE --seed S` shows one of them again.
 
+use std::path::PathBuf;
+
+use anyhow::Context;
 use serde_json::{Value, json};
 
 use super::named;
@@ -36,6 +39,8 @@ pub struct RunPlan {
     pub world: Table,
     /// Patches of the task settings, one after another.
     pub settings: Vec<Table>,
+    /// Where the paths of the world begin.
+    pub folder: PathBuf,
 }
 
 /// What the command line says over the file.
@@ -55,13 +60,12 @@ pub struct Overrides {
     pub displacements: Option<u32>,
 }
 
-/// What every run starts from: no limits, half a step per image, true depth. It stops at a hundredth of a millimetre, so that
+/// What every run starts from: no limits, half a step per image. It stops at a hundredth of a millimetre, so that
 /// no run is cut off where the comparison begins.
 fn base_settings() -> Table {
     let settings = json!({
         "limits": "none",
         "gain": { "step_fraction": 0.5 },
-        "depth": "map",
         "stop": { "step_m": 1e-5, "step_rad": 1e-5, "hold_frames": 5 },
     });
     let Value::Object(settings) = settings else { unreachable!("an object was written") };
@@ -72,10 +76,10 @@ impl Experiment {
     /// The runs of this file.
     ///
     /// # Errors
-    /// Fails on a method or a scene that nobody knows.
+    /// Fails on a method that nobody knows, and when a world file cannot be read.
     pub fn plan(&self, over: &Overrides) -> anyhow::Result<Vec<RunPlan>> {
         let methods = self.methods_of(&over.methods)?;
-        let scenes = self.scene_variants();
+        let scenes = self.scene_variants()?;
         let calm = [Variant::default()];
         let disturbances = if self.disturbances.is_empty() { &calm } else { self.disturbances.as_slice() };
         let first_seed = over.seed.unwrap_or(self.seed);
@@ -119,19 +123,35 @@ impl Experiment {
         }
     }
 
-    fn scene_variants(&self) -> Vec<Variant> {
+    fn scene_variants(&self) -> anyhow::Result<Vec<Variant>> {
         let resolve = |entry: &Entry| match entry {
+            Entry::Named(name) if name.ends_with(".toml") => self.world_file(name),
             Entry::Named(name) => {
                 let scene = Table::from_iter([("named".to_owned(), Value::from(name.as_str()))]);
-                Variant { name: name.clone(), scene: Some(scene), ..Variant::default() }
+                Ok(Variant { name: name.clone(), scene: Some(scene), ..Variant::default() })
             }
-            Entry::Inline(variant) => (**variant).clone(),
+            Entry::Inline(variant) => Ok((**variant).clone()),
         };
         if self.scenes.is_empty() {
             let named = self.scene.as_ref().and_then(|scene| scene.get("named")).and_then(Value::as_str);
-            return vec![Variant { name: named.unwrap_or(&self.name).to_owned(), ..Variant::default() }];
+            return Ok(vec![Variant { name: named.unwrap_or(&self.name).to_owned(), ..Variant::default() }]);
         }
         self.scenes.iter().map(resolve).collect()
+    }
+
+    /// A world file as a scene.
+    fn world_file(&self, name: &str) -> anyhow::Result<Variant> {
+        let path = self.folder.join(name);
+        let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let mut table: Table = toml::from_str(&text).with_context(|| name.to_owned())?;
+        // Every displacement has a seed of its own here.
+        table.remove("seed");
+        let mut world: Variant = serde_json::from_value(Value::Object(table)).with_context(|| name.to_owned())?;
+        if world.name.is_empty() {
+            world.name = path.file_stem().map_or_else(|| name.to_owned(), |stem| stem.to_string_lossy().into_owned());
+        }
+        world.folder = path.parent().map(std::path::Path::to_owned);
+        Ok(world)
     }
 
     fn run(&self, scene: &Variant, disturbance: &Variant, method: &Variant, seed: u64, over: &Overrides) -> RunPlan {
@@ -154,8 +174,12 @@ impl Experiment {
             let size = Table::from_iter([("width".to_owned(), width.into()), ("height".to_owned(), height.into())]);
             merge_keys(&mut world, "camera", &size);
         }
-        let mut settings = vec![base_settings(), self.settings.clone()];
-        settings.extend(variants.map(|variant| variant.settings.clone()));
+        let mut settings = vec![base_settings()];
+        match method.is_preset {
+            true => settings.extend([method, scene, disturbance].map(|variant| variant.settings.clone())),
+            false => settings.extend([scene, method, disturbance].map(|variant| variant.settings.clone())),
+        }
+        settings.insert(if method.is_preset { 2 } else { 1 }, self.settings.clone());
         if let Some(gain) = over.gain {
             let gain = json!({ "step_fraction": gain });
             settings.push(Table::from_iter([("gain".to_owned(), gain)]));
@@ -175,6 +199,7 @@ impl Experiment {
             tolerance: tolerance.unwrap_or(self.tolerance),
             world,
             settings,
+            folder: scene.folder.clone().unwrap_or_else(|| self.folder.clone()),
         }
     }
 }
@@ -286,6 +311,17 @@ mod tests {
         assert!(runs.iter().all(|run| run.images == 5 && run.seed == 7));
         assert_eq!(runs[0].world["camera"], json!({ "width": 32, "height": 24 }));
         assert_eq!(runs[0].settings.last().expect("layers")["gain"], json!({ "step_fraction": 0.2 }));
+    }
+
+    #[test]
+    fn the_files_settings_go_over_a_named_method_and_under_a_table() {
+        let text = "name = 'x'\nmethods = ['HM', { name = 'own', settings = { order = 3 } }]\nsettings = { order = 9 }";
+        let runs = Experiment::parse(text).expect("a file").plan(&Overrides::default()).expect("a plan");
+        let orders = |run: &RunPlan| -> Vec<Value> {
+            run.settings.iter().filter_map(|layer| layer.get("order").cloned()).collect()
+        };
+        assert_eq!(orders(&runs[0]), [json!({ "min": 4, "max": 8 }), json!(9)]);
+        assert_eq!(orders(&runs[1]), [json!(9), json!(3)]);
     }
 
     #[test]

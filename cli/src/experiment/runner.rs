@@ -10,14 +10,14 @@ use anyhow::Context;
 use domvs_client::{DepthPlane, OutgoingFrame, PixelFormat, TwistMessage};
 use domvs_proto::settings::TaskSettings;
 use domvs_simulators::{Rendering, Simulation};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::outcome::{Outcome, Track};
 use super::parameters::Parameters;
 use super::plan::RunPlan;
 use super::service::Service;
 use super::spec::Table;
-use super::world::{self, World};
+use super::world::{self, World, Worlds};
 use crate::report::{RunRecord, RunRow};
 
 /// Who looks at a run while it goes on; the desired image comes first.
@@ -53,12 +53,13 @@ pub struct Run {
 /// Fails when the world or the settings are impossible, or the service does not answer.
 pub fn run(
     plan: &RunPlan,
+    worlds: &Worlds,
     service: &mut dyn Service,
     watcher: &mut dyn Watcher,
     interrupted: &AtomicBool,
 ) -> anyhow::Result<Option<Run>> {
     let name = || format!("{} {}, {} (seed {})", plan.cell.scene, plan.cell.disturbance, plan.cell.method, plan.seed);
-    let mut world = world::open(plan).with_context(name)?;
+    let mut world = worlds.open(plan).with_context(name)?;
     let settings = settings(plan, &world).with_context(name)?;
     let servoed = servo(plan, &settings, &mut world, service, watcher, interrupted).with_context(name)?;
     Ok(servoed.map(|(track, rows, status)| {
@@ -68,13 +69,15 @@ pub fn run(
     }))
 }
 
-/// The settings of a run: the defaults for its camera, and every layer of the plan over them.
+/// The settings of a run: the defaults for its camera, depth as the world tells it, and every layer of the plan over them.
 ///
 /// # Errors
 /// Fails on a setting that is unknown, out of range or not supported.
 pub fn settings(plan: &RunPlan, world: &World) -> anyhow::Result<TaskSettings> {
     let camera = Table::from_iter([("camera".to_owned(), serde_json::to_value(world.camera)?)]);
     let mut settings = TaskSettings::from_json(&Value::Object(camera))?;
+    let constant_depth = world.simulation.constant_depth_m().map(|depth_m| json!({ "constant_m": depth_m }));
+    settings = settings.merge_patch(&json!({ "depth": constant_depth.unwrap_or_else(|| "map".into()) }))?;
     for layer in &plan.settings {
         settings = settings.merge_patch(&Value::Object(layer.clone()))?;
     }
@@ -172,7 +175,8 @@ mod tests {
 
     fn run_easy(interrupted: bool) -> Option<Run> {
         let plan = Experiment::parse(EASY).expect("a file").plan(&Overrides::default()).expect("a plan").remove(0);
-        run(&plan, &mut InProcess::default(), &mut Nobody, &AtomicBool::new(interrupted)).expect("a run")
+        run(&plan, &Worlds::default(), &mut InProcess::default(), &mut Nobody, &AtomicBool::new(interrupted))
+            .expect("a run")
     }
 
     #[test]

@@ -14,6 +14,7 @@ use super::plan::RunPlan;
 use super::runner::{self, Watcher};
 use super::service::Service;
 use super::spec::Experiment;
+use super::world::Worlds;
 use crate::report::plots::{self, Plot};
 use crate::report::{RunImages, RunRecord, RunRow, png, strip, write_run};
 
@@ -60,12 +61,13 @@ impl Film {
 /// Fails as [`runner::run`] does, and when the folder cannot be written.
 pub fn run(
     plan: &RunPlan,
+    worlds: &Worlds,
     service: &mut dyn Service,
     out: &Path,
     interrupted: &AtomicBool,
 ) -> anyhow::Result<Option<Shown>> {
     let mut film = Film::default();
-    let Some(run) = runner::run(plan, service, &mut film, interrupted)? else {
+    let Some(run) = runner::run(plan, worlds, service, &mut film, interrupted)? else {
         return Ok(None);
     };
     let mut shown =

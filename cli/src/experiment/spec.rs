@@ -6,7 +6,7 @@
 //! images = 60
 //! displacements = 20
 //! methods = ["HM", "DCT", { name = "HM l=3", settings = { order = 3, window = "adaptive" } }]
-//! scenes = ["box", { name = "far", scene = { named = "obj" }, start = { random = { scale = 1.5 } } }]
+//! scenes = ["boxes", "my-world.toml", { name = "far", scene = { named = "object" }, start = { random = { scale = 1.5 } } }]
 //! [tolerance]
 //! error_mm = 1.0
 //! error_deg = 0.1
@@ -19,8 +19,11 @@
 //! disturbance = { noise_variance = 0.2 }
 //! ```
 //!
-//! A file without lists is one run. Entries of the three lists are [`Variant`]s: what they name goes over what the file says.
+//! A named method is a starting point: the file's settings go over it, those of a table in the list over both. Scenes are named
+//! worlds, world files, or tables. A file without lists is one run. Entries of the three lists are [`Variant`]s: what they name goes over what the file says.
 //! `camera` and `disturbance` are merged key by key; `scene`, `target` and `start` replace those of the file.
+
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -68,6 +71,12 @@ pub struct Variant {
     pub images: Option<u32>,
     /// Another tolerance.
     pub tolerance: Option<Tolerance>,
+    /// Of the file it was read from.
+    #[serde(skip)]
+    pub folder: Option<PathBuf>,
+    /// A method with a name is a starting point: the file's settings go over it.
+    #[serde(skip)]
+    pub is_preset: bool,
 }
 
 /// An entry as it is written: a name that is known, or a table.
@@ -128,6 +137,9 @@ pub struct Experiment {
     /// Under what; none means the file's own disturbance.
     #[serde(default)]
     pub disturbances: Vec<Variant>,
+    /// Of the file: where its paths begin.
+    #[serde(skip)]
+    pub folder: PathBuf,
 }
 
 fn one() -> u64 {

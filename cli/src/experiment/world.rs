@@ -1,14 +1,19 @@
-//! From the tables of a plan to a camera in front of a scene.
+//! From the tables of a plan to a camera in front of a scene. A scene with a name brings its whole world along: what the plan does
+//! not say (target, start, disturbance) is as that world has it.
 
-use super::plan::RunPlan;
-use super::spec::Table;
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::Mutex;
+
 use anyhow::Context;
 use domvs_proto::settings::Camera;
-use domvs_simulators::{Disturbance, Photograph, PinholeCamera, PlaneScene, Simulation, motion};
-use nalgebra::Isometry3;
-use serde::Deserialize;
+use domvs_simulators::spec::{self, WorldSpec};
+use domvs_simulators::{PinholeCamera, Simulation, motion};
+use serde_json::Value;
 
-/// A camera where the run begins.
+use super::plan::RunPlan;
+
+/// A camera where a run begins.
 pub struct World {
     /// What looks and moves.
     pub simulation: Simulation,
@@ -18,70 +23,52 @@ pub struct World {
     pub displacement: [f64; 6],
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct CameraTable {
-    width: usize,
-    height: usize,
-    horizontal_fov_deg: f64,
+/// Worlds that were built, for all threads: only seeds differ between most runs of a sweep.
+#[derive(Default)]
+pub struct Worlds {
+    built: Mutex<HashMap<(PathBuf, String), spec::World>>,
 }
 
-impl Default for CameraTable {
-    fn default() -> CameraTable {
-        CameraTable { width: 128, height: 128, horizontal_fov_deg: 60.0 }
+impl Worlds {
+    /// The world of a plan; what is random in it comes from the plan's seed.
+    ///
+    /// # Errors
+    /// Fails, naming the key, on what is unknown or impossible, and when a file cannot be read.
+    pub fn open(&self, plan: &RunPlan) -> anyhow::Result<World> {
+        let key = (plan.folder.clone(), Value::Object(plan.world.clone()).to_string());
+        let known = self.built().get(&key).cloned();
+        let mut world = match known {
+            Some(world) => world,
+            None => {
+                let world = described(plan)?.build(&plan.folder)?;
+                self.built().insert(key, world.clone());
+                world
+            }
+        };
+        world.seed = plan.seed;
+        let simulation = world.simulation(0);
+        let [x, y, z, a, b, c] = motion::log(&(simulation.desired.inverse() * simulation.pose));
+        let displacement = [x, y, z, a.to_degrees(), b.to_degrees(), c.to_degrees()];
+        Ok(World { camera: settings_camera(&simulation.camera), simulation, displacement })
+    }
+
+    fn built(&self) -> std::sync::MutexGuard<'_, HashMap<(PathBuf, String), spec::World>> {
+        // A thread that panicked has left nothing half done: insertions are whole.
+        self.built.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct SceneTable {
-    named: String,
-    width_m: f64,
-    distance_m: f64,
-}
-
-impl Default for SceneTable {
-    fn default() -> SceneTable {
-        SceneTable { named: "astronaut".into(), width_m: 0.7, distance_m: 1.0 }
+fn described(plan: &RunPlan) -> anyhow::Result<WorldSpec> {
+    let named = plan.world.get("scene").and_then(|scene| scene.get("named")).and_then(Value::as_str);
+    let base = match named {
+        Some(name) => WorldSpec::named(name)?,
+        None => WorldSpec::default(),
+    };
+    let mut world = serde_json::to_value(base)?;
+    for (key, table) in &plan.world {
+        world[key] = table.clone();
     }
-}
-
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields, default)]
-struct StartTable {
-    displacement: [f64; 6],
-}
-
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields, default)]
-struct DisturbanceTable {
-    noise_variance: f64,
-}
-
-/// Makes the world of a plan; what is random in it comes from the plan's seed.
-///
-/// # Errors
-/// Fails, naming the table, on what is unknown or impossible.
-pub fn open(plan: &RunPlan) -> anyhow::Result<World> {
-    let (tables, seed) = (&plan.world, plan.seed);
-    let CameraTable { width, height, horizontal_fov_deg } = table(tables, "camera")?;
-    let camera = PinholeCamera::with_field_of_view(width, height, horizontal_fov_deg.to_radians())?;
-    let SceneTable { named, width_m, distance_m } = table(tables, "scene")?;
-    let scene = PlaneScene::new(&Photograph::bundled(&named)?.cropped_square(), width_m, distance_m)?.with_threads(1);
-    let StartTable { displacement } = table(tables, "start")?;
-    let DisturbanceTable { noise_variance } = table(tables, "disturbance")?;
-    let disturbance = Disturbance { noise_std: noise_variance.sqrt(), seed, ..Disturbance::default() };
-    let (desired, pose) = (Isometry3::identity(), motion::displacement_to_pose(displacement));
-    let simulation = Simulation::new(scene, camera, desired, pose, disturbance);
-    let displacement = displacement_of(&simulation);
-    Ok(World { simulation, camera: settings_camera(&camera), displacement })
-}
-
-fn table<T: for<'a> Deserialize<'a> + Default>(tables: &Table, name: &'static str) -> anyhow::Result<T> {
-    match tables.get(name) {
-        Some(value) => T::deserialize(value.clone()).context(name),
-        None => Ok(T::default()),
-    }
+    serde_json::from_value(world).context("camera, scene, target, start or disturbance")
 }
 
 fn settings_camera(camera: &PinholeCamera) -> Camera {
@@ -89,12 +76,47 @@ fn settings_camera(camera: &PinholeCamera) -> Camera {
     Camera { fx, fy, cx, cy, width: camera.width as u32, height: camera.height as u32, distortion: None }
 }
 
-fn displacement_of(simulation: &Simulation) -> [f64; 6] {
-    let [x, y, z, a, b, c] = motion::log(&(simulation.desired.inverse() * simulation.pose));
-    [x, y, z, a.to_degrees(), b.to_degrees(), c.to_degrees()]
-}
-
 /// Where the camera is, seen from where it should be, m.
 pub fn position_m(simulation: &Simulation) -> [f64; 3] {
     (simulation.desired.inverse() * simulation.pose).translation.vector.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::plan::Overrides;
+    use super::super::spec::Experiment;
+    use super::*;
+
+    fn plan(text: &str) -> RunPlan {
+        let experiment = Experiment::parse(&format!("name = 'x'\n{text}")).expect("a file");
+        experiment.plan(&Overrides::default()).expect("a plan").remove(0)
+    }
+
+    #[test]
+    fn a_world_starts_where_its_table_says() {
+        let world =
+            Worlds::default().open(&plan("start = { displacement = [0.1, 0, -0.2, 1, 2, -3] }")).expect("a world");
+        for (got, expected) in world.displacement.iter().zip([0.1, 0.0, -0.2, 1.0, 2.0, -3.0]) {
+            assert!((got - expected).abs() < 1e-12, "log and exp are inverse to round-off: {:?}", world.displacement);
+        }
+        assert_eq!((world.camera.width, world.camera.cx), (128, 63.5));
+    }
+
+    #[test]
+    fn a_named_scene_brings_its_random_start_and_every_seed_has_its_own() {
+        let worlds = Worlds::default();
+        let mut plan = plan("scenes = ['boxes']");
+        let starts = [1, 2, 1].map(|seed| {
+            plan.seed = seed;
+            worlds.open(&plan).expect("a world").displacement
+        });
+        assert_ne!(starts[0], starts[1]);
+        assert_eq!(starts[0], starts[2]);
+    }
+
+    #[test]
+    fn an_unknown_key_is_named() {
+        let error = Worlds::default().open(&plan("disturbance = { noise_varianze = 1 }")).err().expect("no such key");
+        assert!(format!("{error:#}").contains("noise_varianze"), "{error:#}");
+    }
 }

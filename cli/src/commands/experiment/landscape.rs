@@ -11,7 +11,8 @@ use crate::exit;
 use crate::experiment::landscape::{Grid, Landscape, landscape};
 use crate::experiment::page::Page;
 use crate::experiment::plan::{Overrides, RunPlan};
-use crate::experiment::spec::{Entry, Experiment, Table, Variant};
+use crate::experiment::spec::{Entry, Experiment};
+use crate::experiment::world::Worlds;
 use crate::experiment::{named, pool, progress};
 use crate::options::{SizeOption, positive};
 use crate::paint::{Paint, print_line};
@@ -98,10 +99,11 @@ pub fn run(args: &LandscapeArgs, paint: Paint, paint_errors: Paint) -> anyhow::R
     let experiment = named::find(&args.experiment)?;
     let grid = Grid { reach_m: args.reach, steps: usize::from(args.steps) };
     let plans = plans(args, experiment)?;
+    let worlds = Worlds::default();
     let bar = progress::bar(plans.len(), 0, paint_errors);
     let mut found: Vec<Option<Landscape>> = vec![None; plans.len()];
     let interrupted = pool::interruption()?;
-    let work = |(): &mut (), plan: &RunPlan| landscape(plan, grid).with_context(|| plan.cell.method.clone());
+    let work = |(): &mut (), plan: &RunPlan| landscape(plan, &worlds, grid).with_context(|| plan.cell.method.clone());
     let done = |index: usize, one| {
         bar.inc(1);
         found[index] = Some(one);
@@ -152,8 +154,8 @@ fn at_order(method: &str, order: Option<u16>) -> anyhow::Result<Entry> {
         variant.name = format!("{} l={order}", variant.name);
         variant.settings.insert("order".to_owned(), Value::from(order));
     }
-    let Variant { name, settings, .. } = variant;
-    Ok(Entry::Inline(Box::new(Variant { name, settings: Table::from_iter(settings), ..Variant::default() })))
+    variant.is_preset = false;
+    Ok(Entry::Inline(Box::new(variant)))
 }
 
 fn write(out: &Path, found: &[Landscape], grid: Grid) -> anyhow::Result<()> {

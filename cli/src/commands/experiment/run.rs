@@ -16,6 +16,7 @@ use crate::experiment::service::Service;
 use crate::experiment::shown::{self, Shown};
 use crate::experiment::spec::Experiment;
 use crate::experiment::summary::{json_lines, run_table, write_results};
+use crate::experiment::world::Worlds;
 use crate::experiment::{named, pool, progress};
 use crate::paint::{Paint, print_line};
 
@@ -49,8 +50,11 @@ pub fn run(args: &RunArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<
     let plans = experiment.plan(&Overrides { displacements: Some(1), ..common.overrides() })?;
     let out = common.out(&experiment.name);
     let interrupted = pool::interruption()?;
+    let worlds = Worlds::default();
     let bar = progress::bar(plans.len(), 0, paint_errors);
-    let work = |service: &mut Box<dyn Service>, plan: &RunPlan| shown::run(plan, service.as_mut(), &out, &interrupted);
+    let work = |service: &mut Box<dyn Service>, plan: &RunPlan| {
+        shown::run(plan, &worlds, service.as_mut(), &out, &interrupted)
+    };
     let mut runs: Vec<Option<Shown>> = plans.iter().map(|_| None).collect();
     let done = |index: usize, run: Option<Shown>| {
         bar.inc(1);

@@ -15,6 +15,7 @@ use crate::experiment::runner::{self, Nobody};
 use crate::experiment::service::Service;
 use crate::experiment::store::Store;
 use crate::experiment::summary::{cell_table, json_lines, write_results};
+use crate::experiment::world::Worlds;
 use crate::experiment::{named, pool, progress};
 use crate::paint::{Paint, print_line};
 
@@ -91,9 +92,11 @@ fn run_missing(
 ) -> anyhow::Result<()> {
     let missing: Vec<RunPlan> = plans.iter().filter(|plan| store.get(&plan.key()).is_none()).cloned().collect();
     let bar = progress::bar(plans.len(), plans.len() - missing.len(), paint);
+    let worlds = Worlds::default();
     let services = common.services()?;
-    let work =
-        |service: &mut Box<dyn Service>, plan: &RunPlan| runner::run(plan, service.as_mut(), &mut Nobody, interrupted);
+    let work = |service: &mut Box<dyn Service>, plan: &RunPlan| {
+        runner::run(plan, &worlds, service.as_mut(), &mut Nobody, interrupted)
+    };
     let done = |_, run: Option<runner::Run>| match run {
         Some(run) => {
             bar.inc(1);
