@@ -1,5 +1,5 @@
 //! From the tables of a plan to a camera in front of a scene. A scene with a name brings its whole world along: what the plan does
-//! not say (target, start, disturbance) is as that world has it.
+//! not say (target, start, disturbance) is as that world has it. Without any scene there is the world "object" and experiment #1's start.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -12,6 +12,9 @@ use domvs_simulators::{PinholeCamera, Simulation, motion};
 use serde_json::Value;
 
 use super::plan::RunPlan;
+
+/// What is looked at where nothing is said.
+const SCENE: &str = "object";
 
 /// A camera where a run begins.
 pub struct World {
@@ -62,7 +65,7 @@ fn described(plan: &RunPlan) -> anyhow::Result<WorldSpec> {
     let named = plan.world.get("scene").and_then(|scene| scene.get("named")).and_then(Value::as_str);
     let base = match named {
         Some(name) => WorldSpec::named(name)?,
-        None => WorldSpec::default(),
+        None => WorldSpec { scene: WorldSpec::named(SCENE)?.scene, ..WorldSpec::default() },
     };
     let mut world = serde_json::to_value(base)?;
     for (key, table) in &plan.world {
