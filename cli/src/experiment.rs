@@ -2,7 +2,7 @@
 //!
 //! The data's way: [`spec`] (a TOML file, or a [`named`] one) → [`plan`] (every run, nothing left to look up) → [`world`] +
 //! [`service`] → [`runner`] (image, twist, move, next image) → [`outcome`] (one run) → [`cells`] (rates with their
-//! [`wilson`] intervals). [`pool`] runs many at once, [`store`] keeps what is done.
+//! [`wilson`] intervals) → [`document`] (held against the paper's [`claims`]). [`pool`] runs many at once, [`store`] keeps what is done.
 //!
 //! A run is a pure function of its plan: no clock, no thread of its own, the same on one core or many, in this process or
 //! through the real service.
@@ -20,6 +20,8 @@ pub mod parameters;
 pub mod runner;
 
 pub mod cells;
+pub mod claims;
+pub mod document;
 pub mod page;
 pub mod shown;
 pub mod summary;

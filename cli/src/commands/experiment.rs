@@ -4,6 +4,7 @@
 mod basis;
 mod landscape;
 mod list;
+mod report;
 mod run;
 mod sweep;
 
@@ -38,6 +39,8 @@ enum Verb {
     Sweep(sweep::SweepArgs),
     Landscape(landscape::LandscapeArgs),
     Basis(basis::BasisArgs),
+    All(report::AllArgs),
+    Report(report::ReportArgs),
 }
 
 /// What `run` and `sweep` take alike.
@@ -85,6 +88,22 @@ struct Common {
 }
 
 impl Common {
+    /// A name with nothing changed.
+    fn of(experiment: &str) -> Common {
+        Common {
+            experiment: experiment.to_owned(),
+            methods: Vec::new(),
+            gain: None,
+            images: None,
+            size: None,
+            seed: None,
+            out: None,
+            over_zenoh: false,
+            json: false,
+            jobs: None,
+        }
+    }
+
     fn overrides(&self) -> Overrides {
         Overrides {
             methods: self.methods.clone(),
@@ -127,5 +146,7 @@ pub fn run(args: &ExperimentArgs, paint: Paint, paint_errors: Paint) -> anyhow::
         Verb::Sweep(args) => sweep::run(args, paint, paint_errors),
         Verb::Landscape(args) => landscape::run(args, paint, paint_errors),
         Verb::Basis(args) => basis::run(args, paint),
+        Verb::All(args) => report::all(args, paint, paint_errors),
+        Verb::Report(args) => report::report(args),
     }
 }

@@ -6,7 +6,7 @@
 use domvs_proto::settings::TaskSettings;
 use domvs_simulators::Simulation;
 use nalgebra::Translation3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::plan::RunPlan;
 use super::runner::{frame, settings};
@@ -35,7 +35,7 @@ impl Grid {
 }
 
 /// The loss of one method over a grid, row by row from the smallest y.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Landscape {
     /// The scene's name.
     pub scene: String,

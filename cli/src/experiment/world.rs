@@ -69,7 +69,12 @@ fn described(plan: &RunPlan) -> anyhow::Result<WorldSpec> {
     };
     let mut world = serde_json::to_value(base)?;
     for (key, table) in &plan.world {
-        world[key] = table.clone();
+        match (&mut world[key], table) {
+            (Value::Object(there), Value::Object(table)) if key == "camera" || key == "disturbance" => {
+                there.extend(table.clone());
+            }
+            (place, table) => *place = table.clone(),
+        }
     }
     serde_json::from_value(world).context("camera, scene, target, start or disturbance")
 }

@@ -91,6 +91,23 @@ const OF_THE_PAPER: [(&str, Option<u16>); 9] = [
     ("HM", Some(30)),
 ];
 
+impl LandscapeArgs {
+    /// The paper's, into this folder.
+    pub(super) fn of_the_paper(out: PathBuf) -> LandscapeArgs {
+        LandscapeArgs {
+            experiment: "1".to_owned(),
+            methods: Vec::new(),
+            orders: Vec::new(),
+            reach: 0.5,
+            steps: 41,
+            size: Some(SizeOption { width: 128, height: 128 }),
+            out,
+            json: false,
+            jobs: None,
+        }
+    }
+}
+
 /// Computes, draws and writes.
 ///
 /// # Errors

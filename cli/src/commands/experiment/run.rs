@@ -27,7 +27,7 @@ use crate::paint::{Paint, print_line};
 #[command(after_help = AFTER_HELP)]
 pub struct RunArgs {
     #[command(flatten)]
-    common: Common,
+    pub(super) common: Common,
 }
 
 const AFTER_HELP: &str = "\

@@ -28,15 +28,15 @@ use crate::paint::{Paint, print_line};
 #[command(after_help = AFTER_HELP)]
 pub struct SweepArgs {
     #[command(flatten)]
-    common: Common,
+    pub(super) common: Common,
 
     /// Displacements of each cell, instead of the file's
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    displacements: Option<u32>,
+    pub(super) displacements: Option<u32>,
 
     /// Forget earlier results in the folder
     #[arg(long)]
-    fresh: bool,
+    pub(super) fresh: bool,
 }
 
 const AFTER_HELP: &str = "\
