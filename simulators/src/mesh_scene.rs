@@ -226,8 +226,8 @@ impl Facet {
             reach: ((inverse_depth[0].abs() + inverse_depth[1].abs()) / 2.0) as f32,
             texel_per_depth: [0, 1].map(|axis| rays.project(&self.gradient[axis])),
             texel_at_eye: [0, 1].map(|axis| self.gradient[axis].dot(&rays.origin) + self.texel_at_zero[axis]),
-            // Half of log2 is the footprint's side at 1 m; one less is the side of a quarter pixel.
-            log2_texels_at_1m: 0.5 * (footprint_scale as f32).log2() - 1.0,
+            // Half of log2 is the footprint's side at 1 m.
+            log2_texels_at_1m: 0.5 * (footprint_scale as f32).log2(),
             surface: self.surface,
             front: self.faces(&rays.origin),
         }

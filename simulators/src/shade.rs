@@ -30,7 +30,7 @@ pub(crate) struct FacetView {
     /// `L` in `texel = texel_at_eye + z L(u, v)`, along both axes of the texture.
     pub(crate) texel_per_depth: [[f64; 3]; 2],
     pub(crate) texel_at_eye: [f64; 2],
-    /// log2 of the texels along a quarter of a pixel at 1 m, before perspective.
+    /// log2 of the texels along a pixel at 1 m, before perspective.
     pub(crate) log2_texels_at_1m: f32,
     pub(crate) surface: u32,
     /// Whether the camera is on its outer side.
