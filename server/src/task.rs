@@ -405,6 +405,45 @@ mod tests {
         assert_eq!((task.settings(), task.iterations()), (&before, 2));
     }
 
+    /// What the depth scale is after three frames, of which the last two came so long after the one before, in periods.
+    fn depth_scale_after(route: Route, periods: f64) -> f64 {
+        let mut task = servoing();
+        task.change_settings(&json!({ "depth_scale": "estimate", "order": 8 })).expect("a constant depth");
+        let period = Duration::from_secs_f64(periods * task.settings().frame_period_s);
+        for (number, centre) in [17.0, 16.0, 15.5].into_iter().enumerate() {
+            let (header, payload, received) = (header(), blob(centre), period * number as u32);
+            let frame = Frame { received, route, ..frame(&header, &payload) };
+            assert!(on_frame(&mut task, &frame, received).is_servoing());
+        }
+        task.estimates().depth_scale.expect("it is estimated")
+    }
+
+    #[test]
+    fn depth_is_learnt_from_frames_that_came_about_one_period_after_the_twist() {
+        assert_ne!(depth_scale_after(Route::Pushed, 1.0), 1.0);
+        assert_eq!(
+            depth_scale_after(Route::Pushed, 1.2),
+            depth_scale_after(Route::Pushed, 1.0),
+            "the period is a setting"
+        );
+        for apart in [0.3, 1.7] {
+            assert_eq!(depth_scale_after(Route::Pushed, apart), 1.0, "{apart} periods");
+        }
+        assert_ne!(depth_scale_after(Route::Requested, 1.7), 1.0, "a request is answered in lock step");
+    }
+
+    #[test]
+    fn a_twist_that_did_not_go_out_moved_nothing() {
+        let mut task = servoing();
+        task.change_settings(&json!({ "depth_scale": "estimate", "order": 8 })).expect("a constant depth");
+        for centre in [17.0, 17.0] {
+            assert!(on_frame(&mut task, &frame(&header(), &blob(centre)), Duration::ZERO).is_servoing());
+            task.told(Twist::ZERO);
+        }
+        // No motion and no change say nothing about depth.
+        assert_eq!(task.estimates().depth_scale, Some(1.0));
+    }
+
     #[test]
     fn after_a_panic_nothing_moves_before_a_new_target() {
         let mut task = servoing();

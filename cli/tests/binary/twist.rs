@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use domvs_vision::{
-    Depth, DepthMap, Gain, HoleFill, Intrinsics, Law, Method, OrderRule, Plane, Servo, Step, View, Window, WindowInUse,
+    Depth, DepthMap, Gain, Gaussian, GaussianForm, HoleFill, Holes, Intrinsics, Law, LightPrior, Method, NoiseFloor,
+    OrderRule, Plane, Servo, Step, View, Window, WindowInUse,
 };
 use serde_json::Value;
 use tempfile::TempDir;
@@ -196,6 +197,64 @@ fn krawtchouk_reports_its_centre_and_methods_without_a_window_ignore_it() {
 }
 
 #[test]
+fn methods_on_pixels_have_order_0_and_the_gaussian_mixture_its_exact_form() {
+    let files = Files::new();
+    let json = files.json(&["--method", "photometric"]);
+    assert_is(&json, &direct(law(Method::Photometric), [&ONE_METRE; 2]));
+    assert_eq!((&json["order"], &json["features"]), (&Value::from(0), &Value::from(WIDTH * HEIGHT)));
+    for (options, extent_px) in [(&["--gaussian-px", "5.5"][..], 5.5), (&[], WIDTH as f64 / 8.0)] {
+        let json = files.json(&[&["--method", "gaussian_mixture"], options].concat());
+        let gaussian = Gaussian { extent_px, form: GaussianForm::Exact };
+        assert_is(&json, &direct(Law { gaussian, ..law(Method::GaussianMixture) }, [&ONE_METRE; 2]));
+        assert!(json["window"].is_null());
+    }
+}
+
+#[test]
+fn options_of_the_law_reach_it_and_light_is_told() {
+    let files = Files::new();
+    let json = files.json(&["--light", "--noise-floor", "--order", "6"]);
+    let law = Law {
+        light: Some(LightPrior::default()),
+        noise_floor: NoiseFloor::Subtracted,
+        order: OrderRule::new(6, 6, 1e-3).expect("an order rule"),
+        ..law(Method::Hahn)
+    };
+    let step = direct(law, [&ONE_METRE; 2]);
+    assert_is(&json, &step);
+    for (got, expected) in json["light"].as_array().expect("six").iter().zip(step.light.expect("estimated")) {
+        assert_number(got, expected);
+    }
+}
+
+#[test]
+fn a_mask_and_ignored_holes_leave_pixels_out() {
+    let files = Files::new();
+    let white = |u: u32| if u < 16 { 0u8 } else { 255 };
+    let mask = image::GrayImage::from_fn(WIDTH as u32, HEIGHT as u32, |u, _| image::Luma([white(u)]));
+    mask.save(files.path("mask.png")).expect("a PNG");
+    let covered = Plane::from_fn(WIDTH, HEIGHT, |u, v| if u < 16 { 0.5 } else { current().at(u, v) });
+    files.tiff("covered.tiff", &covered);
+    let masked = |image: &str| {
+        let names = ["--desired", "desired.tiff", "--current", image, "--camera", CAMERA];
+        answer(&files.run(&[&names[..], &["--mask", "mask.png", "--json"]].concat()))
+    };
+    assert_eq!(masked("current.tiff"), masked("covered.tiff"));
+    assert_ne!(masked("current.tiff"), files.json(&[]));
+
+    files.depth_png("depth.png", |u, _| if u < 20 { 0 } else { 900 });
+    let metres = Plane::from_fn(WIDTH, HEIGHT, |u, _| if u < 20 { 0.0 } else { 900.0 * 0.001 });
+    let depth = Depth::Map(DepthMap::from_metres(&metres, HoleFill::Median).expect("a depth map"));
+    let ignored = files.json(&["--desired-depth", "depth.png", "--ignore-holes"]);
+    assert_is(&ignored, &direct(Law { holes: Holes::Ignored, ..law(Method::Hahn) }, [&depth; 2]));
+
+    files.tiff("small.tiff", &Plane::filled(WIDTH - 1, HEIGHT, 0.5));
+    assert_fails(&files.twist(&["--mask", "small.tiff"]), &["small.tiff", "63x48", "64x48"]);
+    files.tiff("black.tiff", &Plane::filled(WIDTH, HEIGHT, 0.0));
+    assert_fails(&files.twist(&["--mask", "black.tiff"]), &["black.tiff", "0.01"]);
+}
+
+#[test]
 fn a_sixteen_bit_depth_map_is_counted_in_its_unit_and_its_holes_get_the_median() {
     let files = Files::new();
     let counts = |u: usize, v: usize| {
@@ -288,7 +347,8 @@ fn a_wrong_command_line_exits_with_two_and_says_what_was_expected() {
         ("--desired-depth", "-0.5", "positive"),
         ("--depth-unit", "-1e-3", "above 0"),
         ("--epsilon", "nan", "above 0"),
-        ("--method", "photographic", "hahn"),
+        ("--method", "photographic", "gaussian_mixture"),
+        ("--gaussian-px", "-3", "above 0"),
     ] {
         let options = ["--desired", "desired.tiff", "--current", "current.tiff", option, value];
         let output = if option == "--camera" { files.run(&options) } else { files.twist(&[option, value]) };
