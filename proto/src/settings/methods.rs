@@ -5,13 +5,14 @@ use serde::{Deserialize, Serialize};
 
 /// Makes the enum and its lists. `moments` are compared up to an order; `pixels` have no order and no window.
 macro_rules! methods {
-    ($($name:ident $word:literal $of:ident $about:literal)*) => {
+    ($($(#[$default:meta])? $name:ident $word:literal $of:ident $about:literal)*) => {
         /// What is compared between the images.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+        #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
         pub enum Method {
             $(
                 #[doc = $about]
                 #[serde(rename = $word)]
+                $(#[$default])?
                 $name,
             )*
         }
@@ -50,13 +51,8 @@ macro_rules! methods {
     (@words $first:literal $($word:literal)*) => { concat!("`", $first, "`" $(, ", `", $word, "`")*) };
 }
 
-impl Default for Method {
-    fn default() -> Method {
-        Method::Hahn
-    }
-}
-
 methods! {
+    #[default]
     Hahn            "hahn"             moments "Hahn moments: a window that may move with the object"
     Krawtchouk      "krawtchouk"       moments "Krawtchouk moments: a narrow window around the object, for small displacements"
     Tchebichef      "tchebichef"       moments "Tchebichef moments: the whole image, evenly"
