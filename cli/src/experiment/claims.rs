@@ -134,6 +134,14 @@ impl Claim {
                 && self.disturbance.as_ref().is_none_or(|disturbance| *disturbance == run.disturbance)
         };
         let runs = Runs(runs.iter().filter(fits).collect());
+        let judged = self.judge_by_rule(&runs, landscapes);
+        match judged.verdict {
+            Verdict::Untested => Judged { ours: "–".to_owned(), ..judged },
+            _ => judged,
+        }
+    }
+
+    fn judge_by_rule(&self, runs: &Runs<'_>, landscapes: &[Landscape]) -> Judged {
         match &self.judge {
             Rule::Converge(methods) => runs.share(methods, |run| run.converged),
             Rule::Fail(methods) => runs.share(methods, |run| !run.converged),

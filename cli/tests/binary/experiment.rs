@@ -121,5 +121,61 @@ fn what_is_no_experiment_method_or_key_is_named_in_the_error() {
 #[test]
 fn the_list_names_every_experiment_of_the_paper() {
     let names: Vec<Value> = lines(&domvs(&["list", "--json"])).into_iter().map(|line| line["name"].clone()).collect();
-    assert!(names.contains(&"1".into()), "{names:?}");
+    for name in ["1", "2", "3", "noise", "5", "6", "7", "case1", "case2", "case3", "discussion"] {
+        assert!(names.contains(&name.into()), "{name} in {names:?}");
+    }
+}
+
+#[test]
+fn a_small_grid_converges_where_it_did() {
+    /// Three starts of each cell at 64 pixels: a law that gets worse shows here. Successes of three, as they were when last looked at.
+    const GRID: &str = r#"
+        name = "grid"
+        seed = 5
+        displacements = 3
+        methods = ["default", "HM", "TM", "KM", "DCT", "DVS", { name = "PGM8", settings = { method = "gaussian_mixture", gaussian_px = 8.0 } }]
+        scenes = ["object", "plane", "boxes", "terrain"]
+        [camera]
+        width = 64
+        height = 64
+        [start]
+        random = { scale = 0.6, roll_deg = 20 }
+    "#;
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("grid.toml");
+    std::fs::write(&file, GRID).unwrap();
+    let out = folder.path().join("out");
+    let output = domvs(&["sweep", file.to_str().unwrap(), "--json", "--out", out.to_str().unwrap()]);
+    let cells: Vec<Value> = lines(&output).into_iter().filter(|line| line["success_rate"].is_number()).collect();
+    let table: Vec<String> = cells
+        .chunks(7)
+        .map(|scene| {
+            let successes: Vec<String> = scene.iter().map(|cell| cell["successes"].to_string()).collect();
+            format!("{} {}", scene[0]["scene"].as_str().unwrap(), successes.join(" "))
+        })
+        .collect();
+    // In the order of the methods above. Another kind of machine may differ by a run that is at its limit.
+    let seen = ["object 3 3 3 3 3 3 3", "plane 3 3 3 3 2 2 3", "boxes 3 3 2 3 3 2 3", "terrain 3 3 3 3 3 3 3"];
+    assert_eq!(table, seen);
+}
+
+#[test]
+fn results_become_a_report_and_pictures_without_a_word_from_outside() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let small = ["--images", "3", "--size", "48x48", "--method", "TM"];
+    domvs(&[&["run", "5", "--out", &at("r/5")], &small[..]].concat());
+    let output = domvs(&["report", "--from", &at("r"), "--out", &at("report.md")]);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let report = std::fs::read_to_string(at("report.md")).unwrap();
+    assert!(report.contains("## Claims") && report.contains("| picture on a wall |"), "{report}");
+    let size = ["--size", "48x48", "--steps", "5"];
+    let maps = ["landscape", "--method", "TM,DVS", "--order", "4", "--out", &at("l")];
+    assert_eq!(domvs(&[&maps[..], &size[..]].concat()).status.code(), Some(0));
+    assert_eq!(domvs(&["basis", "--length", "64", "--out", &at("b")]).status.code(), Some(0));
+    for page in ["r/5/index.html", "l/index.html", "b/index.html"] {
+        let html = std::fs::read_to_string(at(page)).unwrap();
+        let svg_name = html.replace("http://www.w3.org/2000/svg", "").replace("http://www.w3.org/1999/xlink", "");
+        assert!(html.contains("<svg") && !svg_name.contains("http") && !html.contains("<script"), "{page}");
+    }
 }
