@@ -1,10 +1,10 @@
 //! Cameras and scenes made of numbers: what the service looks at when no robot is near.
 //!
-//! The data's way: `photograph → pyramid → scene + camera → rendering → disturbance → packet → node`,
-//! and back: `command → free camera → motion → pose`. Start reading at [`Simulation`] (lock-step, no network)
-//! or at [`node::CameraNode`] (a camera in a Zenoh session of its own).
+//! The data's way: `TOML → spec → world`, `photograph → pyramid → scene + camera → rendering → disturbance → packet → node`,
+//! and back: `command → free camera → motion → pose`. Start reading at [`WorldSpec`] (what is written), [`Simulation`]
+//! (lock-step, no network) or [`node::CameraNode`] (a camera in a Zenoh session of its own).
 //!
-//! Rigid bodies move here by the exponential of SE(3) and rays meet planes. Nothing in this crate knows the
+//! Rigid bodies move here by the exponential of SE(3), and rays meet planes and triangles. Nothing in this crate knows the
 //! interaction matrix, so that a simulation can contradict it.
 
 mod camera;
@@ -46,5 +46,5 @@ pub use plane_scene::PlaneScene;
 pub use scene::{Rendering, Scene, SceneError};
 pub use settings::{CameraSettings, CameraSettingsError, Follow};
 pub use simulation::Simulation;
-pub use spec::{World, WorldSpec};
+pub use spec::{SpecError, World, WorldSpec};
 pub use texture::Texture;

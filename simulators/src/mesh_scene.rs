@@ -66,6 +66,8 @@ struct Parts {
 struct Facet {
     corners: [u32; 3],
     surface: u32,
+    /// The same for all facets that hang together by their corners, over which the texture is continuous.
+    patch: u32,
     /// Unit, outwards.
     normal: Vector3<f64>,
     /// `normal · X` on the plane, m.
@@ -152,6 +154,7 @@ impl Parts {
         self.wall = Some(Facet {
             corners: [0; 3],
             surface: 0,
+            patch: u32::MAX,
             normal: -Vector3::z(),
             offset_m: -distance_m,
             gradient: [Vector3::x() * texels_per_m, Vector3::y() * texels_per_m],
@@ -174,10 +177,13 @@ impl Parts {
         let surface = self.surfaces.len() as u32;
         self.positions.extend_from_slice(&mesh.positions);
         self.surfaces.push(Surface { pyramid: Arc::clone(&texture.pyramid), lift: 0.0 });
+        let patches = patches(mesh);
         let facets = mesh.triangles.iter().filter_map(|triangle| facet(mesh, triangle, texture));
         self.facets.extend(facets.map(|facet| Facet {
             corners: facet.corners.map(|corner| first_position + corner),
             surface,
+            // A patch goes by its first corner.
+            patch: first_position + patches[facet.corners[0] as usize],
             ..facet
         }));
         self.bodies.push((first_facet, self.facets.len(), mesh.convex));
@@ -229,6 +235,7 @@ impl Facet {
             // Half of log2 is the footprint's side at 1 m.
             log2_texels_at_1m: 0.5 * (footprint_scale as f32).log2(),
             surface: self.surface,
+            patch: self.patch,
             front: self.faces(&rays.origin),
         }
     }
@@ -254,5 +261,26 @@ fn facet(mesh: &Mesh, triangle: &[u32; 3], texture: &Texture) -> Option<Facet> {
         (f.cross(&normal) * along_e + normal.cross(&e) * along_f) / twice_area
     });
     let texel_at_zero = [0, 1].map(|axis| place_a[axis] - gradient[axis].dot(&a));
-    Some(Facet { corners: *triangle, surface: 0, normal, offset_m: normal.dot(&a), gradient, texel_at_zero })
+    Some(Facet { corners: *triangle, surface: 0, patch: 0, normal, offset_m: normal.dot(&a), gradient, texel_at_zero })
+}
+
+/// For each corner the first of those that it hangs together with by triangles.
+fn patches(mesh: &Mesh) -> Vec<u32> {
+    let mut first: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+    let root = |first: &mut [u32], corner: u32| {
+        let mut at = corner as usize;
+        while first[at] as usize != at {
+            // Every look halves the way for the next one.
+            first[at] = first[first[at] as usize];
+            at = first[at] as usize;
+        }
+        at as u32
+    };
+    for &[a, b, c] in &mesh.triangles {
+        for (one, other) in [(a, b), (b, c)] {
+            let (one, other) = (root(&mut first, one), root(&mut first, other));
+            first[one.max(other) as usize] = one.min(other);
+        }
+    }
+    (0..first.len() as u32).map(|corner| root(&mut first, corner)).collect()
 }

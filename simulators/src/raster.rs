@@ -200,8 +200,16 @@ pub(crate) fn draw(band: &mut Band, views: &[FacetView], piece: &Piece) {
 fn draw_row(band: &mut Band, views: &[FacetView], piece: &Piece, v: usize) {
     /// Far more than the rounding of an edge, far less than a sample's distance from a pixel's border.
     const SLACK_PX: f64 = 1e-6;
+    /// So few pixels are tested faster than they are counted.
+    const FEW_PX: f64 = 4.0;
     let [left, right, _, _] = piece.bounds;
     let last = (band.width - 1) as f64;
+    if right - left < FEW_PX {
+        if let Some((start, end)) = whole([(left - 0.5).max(0.0), (right + 0.5).min(last)]) {
+            (start..end).for_each(|u| touch(band, views, piece, u, v));
+        }
+        return;
+    }
     let (mut touched, mut filled) = ([(left - 0.5).max(0.0), (right + 0.5).min(last)], [0.0, last]);
     for edge in &piece.edges {
         let at_zero = edge.b * v as f64 + edge.c;
@@ -248,16 +256,22 @@ fn touch(band: &mut Band, views: &[FacetView], piece: &Piece, u: usize, v: usize
     let mut mask = FULL;
     for edge in &piece.edges {
         mask &= edge.mask(column, row);
+        if mask == 0 {
+            return;
+        }
     }
-    if mask != 0 {
-        band.share(pixel, piece.view, mask);
-    }
+    band.share(pixel, piece.view, mask);
 }
 
 impl Edge {
     /// The samples on the inside, and the centre.
     fn mask(&self, u: f64, v: f64) -> u32 {
         let at_center = self.a * u + self.b * v + self.c;
+        if at_center >= self.reach {
+            return FULL;
+        } else if at_center <= -self.reach {
+            return 0;
+        }
         let (value, a, b) = (at_center as f32, self.a as f32, self.b as f32);
         let mut mask = 0;
         for index in 0..SAMPLES {

@@ -3,7 +3,7 @@
 //! A pixel that one facet fills is the mean of four texture samples, each from the octave whose texels are as large as half
 //! a pixel's footprint: a pixel covers `z³ n / (h fx fy)` texels², with `n` texels² on a m² and the camera `h` m from the
 //! facet's plane. A pixel that several share is decided at sixteen places; each facet then gives its colour at the middle
-//! of its places, with their share of the weight. Depth is that of the facet at the pixel's centre, exactly.
+//! of its places, with their share of the weight. Neighbours of one smooth mesh give it together. Depth is that of the facet at the pixel's centre, exactly.
 
 use std::sync::Arc;
 
@@ -33,6 +33,8 @@ pub(crate) struct FacetView {
     /// log2 of the texels along a pixel at 1 m, before perspective.
     pub(crate) log2_texels_at_1m: f32,
     pub(crate) surface: u32,
+    /// Facets of one patch wear the texture on across their common edges.
+    pub(crate) patch: u32,
     /// Whether the camera is on its outer side.
     pub(crate) front: bool,
 }
@@ -65,7 +67,9 @@ pub(crate) fn resolve(band: &Band, shader: &Shader, image: &mut [f32], depth: &m
             let (view, head) = (band.views[pixel], band.heads[pixel]);
             let (gray, metres) = if head != NONE {
                 shared.gather(shader.views, &band.fragments, view, head, u, v);
-                (shared.gray(shader, u, v), shared.depth_m(shader.views, u, v))
+                let metres = shared.depth_m(shader.views, u, v);
+                shared.join(shader.views, u, v);
+                (shared.gray(shader, u, v), metres)
             } else if view != NONE {
                 let facet = &shader.views[view as usize];
                 (shader.gray(facet, u, v), (1.0 / facet.inverse_depth_at(u, v)) as f32)
@@ -155,6 +159,30 @@ impl Shared {
         for (place, &part) in owner.iter().enumerate() {
             if part != usize::MAX {
                 self.parts[part].1 |= 1 << place;
+            }
+        }
+    }
+
+    /// Gives the places of facets that hang together in this pixel to the one of them that has most: where their common
+    /// edge runs through the pixel their planes and textures go on into each other.
+    fn join(&mut self, views: &[FacetView], u: f64, v: f64) {
+        for part in 1..self.parts.len() {
+            let (view, mask) = self.parts[part];
+            let facet = &views[view as usize];
+            let near = facet.inverse_depth_at(u, v);
+            let hangs_together = |&(other, other_mask): &(u32, u32)| {
+                let other = &views[other as usize];
+                let apart = (other.inverse_depth_at(u, v) - near).abs() as f32;
+                other_mask != 0 && other.patch == facet.patch && apart <= other.reach + facet.reach
+            };
+            if mask != 0
+                && let Some(neighbour) = self.parts[..part].iter().position(hangs_together)
+            {
+                let (other, other_mask) = self.parts[neighbour];
+                let larger =
+                    if (mask & !CENTER).count_ones() > (other_mask & !CENTER).count_ones() { view } else { other };
+                self.parts[neighbour] = (larger, mask | other_mask);
+                self.parts[part].1 = 0;
             }
         }
     }

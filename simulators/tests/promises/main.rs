@@ -2,6 +2,8 @@
 
 mod disturbance;
 mod free_camera;
+mod light;
+mod mesh_files;
 mod motion;
 mod node;
 mod photographs;

@@ -114,3 +114,52 @@ fn a_start_is_relative_to_the_target() {
     // The axis meets the plane at z = 1: that is the middle.
     assert!((world.middle - Point3::new(0.0, 0.1, 1.0)).norm() < 1e-6, "{}", world.middle);
 }
+
+#[test]
+fn the_documentation_has_every_key_with_its_default() {
+    let text = include_str!("../../../docs/worlds.md");
+    // A world with something under every key.
+    let full = "[scene.background]\nphotograph = \"noise\"\nphotograph_seed = 1\nwidth_m = 1\ndistance_m = 1\n\
+                [[scene.objects]]\ntexture = \"noise\"\ntexture_seed = 1\nrepeat = [1, 1]\ngray = 1\nfile = \"a.obj\"\n\
+                heights = \"noise\"\nheights_seed = 1\ncells = 48\n\
+                [target]\ndisplacement = [0, 0, 0, 0, 0, 0]\nposition_m = [0, 0, 0]\nlook_at_m = [0, 0, 0]\nroll_deg = 0\n\
+                [start]\ndisplacement = [0, 0, 0, 0, 0, 0]\nrandom = {}\n\
+                [[disturbance.light]]\nslope = [1, 1]\nspot = {}\n[[disturbance.occluders]]";
+    let mut spec = WorldSpec::from_toml(full).expect("every key is known");
+    spec.scene.named = Some("object".to_owned());
+    spec.scene.middle_m = Some([0.0; 3]);
+    let table: toml::Table = spec.to_toml().parse().expect("TOML");
+    let mut keys = vec![];
+    flatten("", &toml::Value::Table(table), &mut keys);
+    assert!(keys.len() > 50, "only {} keys", keys.len());
+    for (key, default) in keys {
+        let row = text.lines().find(|line| line.starts_with(&format!("| `{key}` |")));
+        let row = row.unwrap_or_else(|| panic!("docs/worlds.md has no row for `{key}`"));
+        let said = row.split('|').nth(2).unwrap_or_default().trim();
+        if let Some(said) = said.strip_prefix('`').and_then(|said| said.strip_suffix('`')) {
+            let said: toml::Table = format!("value = {said}").parse().expect("a default is TOML");
+            let number = |value: &toml::Value| value.as_integer().map(|whole| whole as f64).or(value.as_float());
+            let equal =
+                said["value"] == default || (number(&default).is_some() && number(&said["value"]) == number(&default));
+            assert!(equal, "`{key}` is {default}, and {} in docs/worlds.md", said["value"]);
+        }
+    }
+    for name in named_worlds() {
+        assert!(text.contains(&format!("`{name}`")), "docs/worlds.md does not name {name}");
+    }
+}
+
+/// Dotted keys and their values; of a list of tables, those of its first.
+fn flatten(prefix: &str, value: &toml::Value, keys: &mut Vec<(String, toml::Value)>) {
+    let inner = match value {
+        toml::Value::Table(table) => table,
+        toml::Value::Array(list) if list.first().is_some_and(toml::Value::is_table) => {
+            return flatten(prefix, &list[0], keys);
+        }
+        _ => return keys.push((prefix.to_owned(), value.clone())),
+    };
+    for (key, value) in inner {
+        let dotted = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        flatten(&dotted, value, keys);
+    }
+}
