@@ -1,9 +1,10 @@
 //! From the facets of a pixel to its gray and its depth.
 //!
-//! A pixel that one facet fills is the mean of four texture samples, each from the octave whose texels are as large as half
-//! a pixel's footprint: a pixel covers `z³ n / (h fx fy)` texels², with `n` texels² on a m² and the camera `h` m from the
+//! A pixel that one facet fills is the mean of four texture samples, each from the octave whose texels are as large as the
+//! pixel's footprint: a pixel covers `z³ n / (h fx fy)` texels², with `n` texels² on a m² and the camera `h` m from the
 //! facet's plane. A pixel that several share is decided at sixteen places; each facet then gives its colour at the middle
-//! of its places, with their share of the weight. Neighbours of one smooth mesh give it together. Depth is that of the facet at the pixel's centre, exactly.
+//! of its places, with their share of the weight. Neighbours of one smooth mesh give it together. Depth is that of the
+//! facet at the pixel's centre, exactly.
 
 use std::sync::Arc;
 
