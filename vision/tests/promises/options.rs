@@ -1,7 +1,8 @@
-//! The noise floor and the depth scale do what they are for, and cost nothing when there is nothing to do.
+//! The noise floor and the depth scale do what they are for, and cost nothing when there is nothing to do. No option makes more sweeps.
 
 use domvs_vision::{
-    Depth, DepthScale, Law, LawError, Method, NoiseFloor, OrderRule, Plane, Servo, ServoError, View, Window,
+    Depth, DepthScale, Gain, Law, LawError, LightPrior, Method, NoiseFloor, OrderRule, Plane, Servo, ServoError,
+    StepCap, View, Window,
 };
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
@@ -113,4 +114,36 @@ fn a_depth_scale_is_refused_where_it_cannot_be_told() {
     assert_eq!(constant.servo(law).step(mapped.current()).err(), Some(ServoError::DepthScaleOfMap));
     let adaptive = Servo::new(Law { window: Window::Adaptive, ..law }, constant.camera, constant.desired()).err();
     assert!(matches!(adaptive, Some(ServoError::Law(LawError::DepthScale { .. }))));
+}
+
+/// The cost that docs/options.md states, as far as it can be counted: an option adds to a sweep, but never a sweep.
+#[test]
+fn an_option_adds_no_basis_and_no_sweep_but_for_the_first_look_at_the_light() {
+    let pair = Pair::<f32>::at_constant_depth(48, 40);
+    let work = |law: Law| {
+        let mut servo = pair.servo(law);
+        for _ in 0..4 {
+            servo.step(pair.current()).unwrap();
+            servo.moved([1e-3; 6]);
+        }
+        servo.work()
+    };
+    let light = Some(LightPrior::default());
+    for law in [Law::default(), Law { window: Window::Adaptive, ..Law::default() }] {
+        let plain = work(law);
+        assert_eq!((plain.desired_sweeps, plain.current_sweeps), (1, 4));
+        let others = [
+            Law { noise_floor: NoiseFloor::Subtracted, ..law },
+            Law { step_cap: Some(StepCap { translation_m: 1e-3, rotation_rad: 1e-3 }), ..law },
+            Law { gain: Gain::Adaptive { at_zero: 2.0, at_infinity: 0.5, slope_at_zero: 6.0 }, ..law },
+            Law { degrees_of_freedom: [true, true, true, false, false, false], ..law },
+        ];
+        others.into_iter().for_each(|other| assert_eq!(work(other), plain, "{other:?}"));
+        // A first step looks at the light twice: alone, to have something to go by, and with the motion.
+        let lit = work(Law { light, ..law });
+        assert_eq!((lit.bases, lit.desired_sweeps), (plain.bases, plain.desired_sweeps), "{lit:?}");
+        assert!(lit.current_sweeps <= plain.current_sweeps + 1, "{lit:?}");
+    }
+    let estimated = work(Law { depth_scale: DepthScale::Estimated, ..Law::default() });
+    assert_eq!(estimated, work(Law::default()));
 }
