@@ -23,6 +23,7 @@ pub mod cells;
 pub mod claims;
 pub mod document;
 pub mod page;
+pub mod rates;
 pub mod shown;
 pub mod summary;
 pub mod wilson;

@@ -101,8 +101,9 @@ fn images_until_within(errors: &[PoseError], tolerance: Tolerance) -> Option<u32
 /// The length of the path over the distance from its start to the origin; none where that is nothing.
 fn path_ratio(positions_m: &[[f64; 3]]) -> Option<f64> {
     let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let length: f64 =
-        positions_m.windows(2).map(|pair| norm([0, 1, 2].map(|axis| pair[1][axis] - pair[0][axis]))).sum();
+    let steps = positions_m.windows(2).map(|pair| norm([0, 1, 2].map(|axis| pair[1][axis] - pair[0][axis])));
+    // Not `sum`: of no steps at all that is -0.
+    let length = steps.fold(0.0, |length, step| length + step);
     let straight = norm(*positions_m.first()?);
     (straight > 1e-6).then(|| length / straight)
 }
@@ -175,6 +176,7 @@ mod tests {
         assert_eq!(path_ratio(&[[3.0, 0.0, 0.0], [3.0, 4.0, 0.0], [0.0; 3]]), Some(3.0));
         assert_eq!(path_ratio(&[[0.0; 3], [1.0, 0.0, 0.0]]), None);
         assert_eq!(path_ratio(&[]), None);
+        assert!(path_ratio(&[[1.0, 0.0, 0.0]]).is_some_and(f64::is_sign_positive), "not -0 where nothing moved");
     }
 
     #[test]

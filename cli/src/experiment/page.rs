@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::cells::Cell;
 use super::outcome::Outcome;
+use super::spec::{Experiment, Tolerance};
 use crate::report::plots::Plot;
 use crate::report::{base64, number};
 
@@ -33,6 +34,21 @@ impl Page {
              <style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n"
         );
         Page { html }
+    }
+
+    /// What the file says of itself, and where the rest is.
+    pub fn introduction(&mut self, experiment: &Experiment) {
+        if !experiment.about.is_empty() {
+            self.text(&experiment.about);
+        }
+        let Tolerance { error_mm, error_deg } = experiment.tolerance;
+        self.text(&format!(
+            "domvs {}, seed {}. Converged: the camera ends within {error_mm} mm and {error_deg}° (where nothing else is said) by \
+             the simulator's truth. Images: after how many it stayed there. Settled: the median error over the last images. \
+             Path: its length over the straight line.",
+            env!("CARGO_PKG_VERSION"),
+            experiment.seed
+        ));
     }
 
     /// A paragraph of plain text.
@@ -154,7 +170,7 @@ impl Page {
 }
 
 /// Text that stays text in HTML.
-fn escaped(text: &str) -> String {
+pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

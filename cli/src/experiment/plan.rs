@@ -3,13 +3,14 @@
 //! Displacement `k` of a cell has the seed `seed + k`, whatever the method and the disturbance: methods are compared on the
 //! same starts and the same noise. So `run FILE --seed S` shows one of them again.
 
-use std::path::PathBuf;
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use serde_json::{Value, json};
 
 use super::named;
-use super::spec::{Entry, Experiment, Table, Tolerance, Variant};
+use super::spec::{self, Entry, Experiment, Table, Tolerance, Variant};
 
 /// What a run is counted under.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -20,6 +21,16 @@ pub struct CellName {
     pub disturbance: String,
     /// The method's name.
     pub method: String,
+}
+
+impl std::fmt::Display for CellName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let CellName { scene, disturbance, method } = self;
+        match disturbance.as_str() {
+            "" => write!(f, "{scene}, {method}"),
+            _ => write!(f, "{scene}, {disturbance}, {method}"),
+        }
+    }
 }
 
 /// One run, with nothing left to look up.
@@ -41,6 +52,8 @@ pub struct RunPlan {
     pub settings: Vec<Table>,
     /// Where the paths of the world begin.
     pub folder: PathBuf,
+    /// What the files hold that the world names, as one number; 0 where it names none.
+    pub files: u64,
 }
 
 /// What the command line says over the file.
@@ -76,21 +89,34 @@ impl Experiment {
     /// The runs of this file.
     ///
     /// # Errors
-    /// Fails on a method that nobody knows, and when a world file cannot be read.
+    /// Fails on a method that nobody knows, on a name that is there twice, and when a world file cannot be read.
     pub fn plan(&self, over: &Overrides) -> anyhow::Result<Vec<RunPlan>> {
         let methods = self.methods_of(&over.methods)?;
         let scenes = self.scene_variants()?;
         let calm = [Variant::default()];
         let disturbances = if self.disturbances.is_empty() { &calm } else { self.disturbances.as_slice() };
+        for (what, variants) in [("methods", &methods[..]), ("scenes", &scenes), ("disturbances", disturbances)] {
+            let mut names = HashSet::new();
+            let twice = variants.iter().find(|variant| !names.insert(&variant.name));
+            // They would be counted as one cell.
+            anyhow::ensure!(
+                twice.is_none(),
+                "two {what} are called '{}': each needs a name of its own",
+                twice.map_or("", |variant| &variant.name)
+            );
+        }
         let first_seed = over.seed.unwrap_or(self.seed);
         let count = over.displacements.unwrap_or(self.displacements);
+        let mut files = Files::default();
         let mut runs = Vec::new();
         for scene in &scenes {
             for disturbance in disturbances {
                 for displacement in 0..u64::from(count) {
                     for method in &methods {
                         let seed = first_seed.wrapping_add(displacement);
-                        runs.push(self.run(scene, disturbance, method, seed, over));
+                        let mut run = self.run(scene, disturbance, method, seed, over);
+                        run.files = files.of(&run.folder, &run.world);
+                        runs.push(run);
                     }
                 }
             }
@@ -144,13 +170,14 @@ impl Experiment {
         let path = self.folder.join(name);
         let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
         let mut table: Table = toml::from_str(&text).with_context(|| name.to_owned())?;
+        spec::only_finite(&text).with_context(|| name.to_owned())?;
         // Every displacement has a seed of its own here.
         table.remove("seed");
         let mut world: Variant = serde_json::from_value(Value::Object(table)).with_context(|| name.to_owned())?;
         if world.name.is_empty() {
             world.name = path.file_stem().map_or_else(|| name.to_owned(), |stem| stem.to_string_lossy().into_owned());
         }
-        world.folder = path.parent().map(std::path::Path::to_owned);
+        world.folder = path.parent().map(Path::to_owned);
         Ok(world)
     }
 
@@ -200,6 +227,7 @@ impl Experiment {
             world,
             settings,
             folder: scene.folder.clone().unwrap_or_else(|| self.folder.clone()),
+            files: 0,
         }
     }
 }
@@ -226,10 +254,11 @@ fn merge_keys(world: &mut Table, key: &str, table: &Table) {
 }
 
 impl RunPlan {
-    /// 16 hexadecimal digits that change with anything that could change the result: the plan and the program's version.
+    /// 16 hexadecimal digits that change with anything that could change the result: the plan, the files it names (not what
+    /// a mesh names in turn), and the program's version.
     pub fn key(&self) -> String {
         let CellName { scene, disturbance, method } = &self.cell;
-        let plan = json!([
+        let mut plan = json!([
             env!("CARGO_PKG_VERSION"),
             self.experiment,
             [scene, disturbance, method],
@@ -239,7 +268,41 @@ impl RunPlan {
             self.world,
             self.settings,
         ]);
+        if let (Value::Array(parts), true) = (&mut plan, self.files != 0) {
+            parts.push(self.files.into());
+        }
         format!("{:016x}", fnv1a(plan.to_string().as_bytes()))
+    }
+}
+
+/// Hashes of files, each read once.
+#[derive(Default)]
+struct Files {
+    known: HashMap<PathBuf, u64>,
+}
+
+impl Files {
+    /// One number for what all files hold that `world` names from `folder`; 0 without any. What cannot be read counts as
+    /// nothing here: the run will say so.
+    fn of(&mut self, folder: &Path, world: &Table) -> u64 {
+        let mut names = Vec::new();
+        world.values().for_each(|value| file_names(value, &mut names));
+        names.into_iter().fold(0, |all, name| {
+            let hash = |path: &PathBuf| std::fs::read(path).map_or(0, |bytes| fnv1a(&bytes));
+            let path = folder.join(name);
+            let one = *self.known.entry(path).or_insert_with_key(hash);
+            fnv1a(&[all.to_le_bytes(), one.to_le_bytes()].concat())
+        })
+    }
+}
+
+/// The texts with an extension: names without are those of bundled photographs and worlds.
+fn file_names<'a>(value: &'a Value, names: &mut Vec<&'a str>) {
+    match value {
+        Value::String(text) if Path::new(text).extension().is_some() => names.push(text),
+        Value::Array(values) => values.iter().for_each(|value| file_names(value, names)),
+        Value::Object(table) => table.values().for_each(|value| file_names(value, names)),
+        _ => {}
     }
 }
 
@@ -334,6 +397,32 @@ mod tests {
         let mut other = run.clone();
         other.settings.push(Table::from_iter([("order".to_owned(), Value::from(5))]));
         assert_ne!(run.key(), other.key());
+    }
+
+    #[test]
+    fn a_name_that_is_there_twice_is_refused() {
+        let tables = "[{ name = 'A', settings = { order = 5 } }, { name = 'A', settings = { order = 9 } }]";
+        for lists in [format!("methods = {tables}"), "methods = ['HM', 'hm']".into(), "scenes = ['box', 'box']".into()]
+        {
+            let experiment = Experiment::parse(&format!("name = 'x'\n{lists}")).expect("a file");
+            let error = experiment.plan(&Overrides::default()).expect_err("twice").to_string();
+            assert!(error.contains("are called"), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_key_changes_with_what_is_in_a_texture() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let text = "name = 'x'\n[scene]\nobjects = [{ shape = 'plane', size_m = [1, 1], texture = 'a.png' }]";
+        let key = |bytes: &[u8]| {
+            std::fs::write(folder.path().join("a.png"), bytes).expect("a file");
+            let mut experiment = Experiment::parse(text).expect("a file");
+            experiment.folder = folder.path().to_owned();
+            experiment.plan(&Overrides::default()).expect("a plan")[0].key()
+        };
+        assert_ne!(key(b"one"), key(b"two"));
+        assert_eq!(key(b"one"), key(b"one"));
+        assert_eq!(plan(&Overrides::default())[0].files, 0, "bundled photographs are no files");
     }
 
     /// The published test vectors of FNV-1a, 64 bit.

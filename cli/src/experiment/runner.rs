@@ -58,7 +58,7 @@ pub fn run(
     watcher: &mut dyn Watcher,
     interrupted: &AtomicBool,
 ) -> anyhow::Result<Option<Run>> {
-    let name = || format!("{} {}, {} (seed {})", plan.cell.scene, plan.cell.disturbance, plan.cell.method, plan.seed);
+    let name = || format!("{} (seed {})", plan.cell, plan.seed);
     let mut world = worlds.open(plan).with_context(name)?;
     let settings = settings(plan, &world).with_context(name)?;
     let servoed = servo(plan, &settings, &mut world, service, watcher, interrupted).with_context(name)?;

@@ -1,5 +1,6 @@
 //! A run with its images, as `run` shows it: a folder for each, comparisons for each scene and disturbance, and the page.
 
+use std::collections::HashSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -55,7 +56,7 @@ impl Film {
     }
 }
 
-/// Runs `plan` and writes its folder under `out`; `None` when it was interrupted.
+/// Runs `plan` and writes its folder; `None` when it was interrupted.
 ///
 /// # Errors
 /// Fails as [`runner::run`] does, and when the folder cannot be written.
@@ -63,7 +64,7 @@ pub fn run(
     plan: &RunPlan,
     worlds: &Worlds,
     service: &mut dyn Service,
-    out: &Path,
+    folder: &Path,
     interrupted: &AtomicBool,
 ) -> anyhow::Result<Option<Shown>> {
     let mut film = Film::default();
@@ -77,9 +78,8 @@ pub fn run(
     };
     let picks = picks(last);
     let mut frames: Vec<Plane<f32>> = picks.iter().map(|&image| film.image(image, desired)).collect();
-    let folder = out.join(folder_name(plan));
     let images = RunImages { desired, initial: &frames[0], last: &frames[frames.len() - 1] };
-    write_run(&folder, &shown.record, &run.settings.to_value(), &images)?;
+    write_run(folder, &shown.record, &run.settings.to_value(), &images)?;
     frames.push(desired.clone());
     shown.film = png(&strip(&frames.iter().collect::<Vec<_>>()))?;
     let numbers: Vec<String> = picks.iter().map(usize::to_string).collect();
@@ -97,8 +97,19 @@ fn picks(last: usize) -> Vec<usize> {
     picks
 }
 
-fn folder_name(plan: &RunPlan) -> String {
-    slug(&format!("{} {} {}", plan.cell.scene, plan.cell.disturbance, plan.cell.method))
+/// A folder's name for each run, all different: names that differ in signs only get numbers.
+pub fn folder_names(plans: &[RunPlan]) -> Vec<String> {
+    let comparisons = plans.iter().map(|plan| slug(&format!("{} {}", plan.cell.scene, plan.cell.disturbance)));
+    let mut taken: HashSet<String> = comparisons.collect();
+    let mut free = |plan: &RunPlan| {
+        let slug = slug(&format!("{} {} {}", plan.cell.scene, plan.cell.disturbance, plan.cell.method));
+        let numbered = (2..).map(|number| format!("{slug}-{number}"));
+        let name = std::iter::once(slug.clone()).chain(numbered).find(|name| !taken.contains(name));
+        let name = name.unwrap_or(slug);
+        taken.insert(name.clone());
+        name
+    };
+    plans.iter().map(|plan| free(plan)).collect()
 }
 
 /// A name as a folder's: letters, digits, dots; the rest becomes a dash.
@@ -114,8 +125,7 @@ pub fn slug(name: &str) -> String {
 /// Fails when a plot cannot be drawn or written.
 pub fn page(out: &Path, experiment: &Experiment, runs: &[Shown]) -> anyhow::Result<String> {
     let mut page = Page::new(&format!("Experiment {}", experiment.name));
-    page.text(&experiment.about);
-    page.text(&format!("domvs {}, seed {}", env!("CARGO_PKG_VERSION"), experiment.seed));
+    page.introduction(experiment);
     for group in groups(runs) {
         let first = &group[0].outcome;
         let name = match first.disturbance.as_str() {
@@ -156,6 +166,7 @@ fn groups(runs: &[Shown]) -> impl Iterator<Item = &[Shown]> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::plan::Overrides;
     use super::*;
 
     #[test]
@@ -163,6 +174,14 @@ mod tests {
         assert_eq!(picks(0), [0]);
         assert_eq!(picks(1), [0, 1]);
         assert_eq!(picks(20), [0, 1, 2, 4, 8, 16, 20]);
+    }
+
+    #[test]
+    fn no_two_runs_share_a_folder_nor_one_with_a_comparison() {
+        let text = "name = 'x'\nmethods = [{ name = 'a=1' }, { name = 'a 1' }]\n[[disturbances]]\nname = 'd'\n\
+                    [[disturbances]]\nname = 'd a:1'";
+        let plans = Experiment::parse(text).and_then(|file| file.plan(&Overrides::default())).expect("a plan");
+        assert_eq!(folder_names(&plans), ["x-d-a-1-2", "x-d-a-1-3", "x-d-a-1-a-1", "x-d-a-1-a-1-2"]);
     }
 
     #[test]

@@ -41,6 +41,16 @@ pub struct Tolerance {
     pub error_deg: f64,
 }
 
+impl Tolerance {
+    /// Fails unless both are finite and above 0: nothing would ever converge.
+    fn check(&self) -> anyhow::Result<()> {
+        for (key, value) in [("error_mm", self.error_mm), ("error_deg", self.error_deg)] {
+            anyhow::ensure!(value.is_finite() && value > 0.0, "tolerance.{key} must be above 0, got {value}");
+        }
+        Ok(())
+    }
+}
+
 impl Default for Tolerance {
     fn default() -> Tolerance {
         Tolerance { error_mm: 1.0, error_deg: 0.1 }
@@ -161,6 +171,7 @@ impl Experiment {
     /// Fails, naming line and key, on what is no TOML, unknown, of the wrong kind, or a number that makes no sense.
     pub fn parse(text: &str) -> anyhow::Result<Experiment> {
         let experiment: Experiment = toml::from_str(text)?;
+        only_finite(text)?;
         experiment.check()?;
         Ok(experiment)
     }
@@ -175,11 +186,39 @@ impl Experiment {
             Entry::Named(_) => None,
             Entry::Inline(variant) => Some(&**variant),
         });
+        self.tolerance.check()?;
         for variant in entries.chain(&self.disturbances) {
             anyhow::ensure!(!variant.name.trim().is_empty(), "every method, scene and disturbance needs a name");
+            if let Some(tolerance) = variant.tolerance {
+                tolerance.check()?;
+            }
         }
         Ok(())
     }
+}
+
+/// TOML has NaN and infinity, settings and worlds have not; read as JSON they would be null, which stands for a default.
+///
+/// # Errors
+/// Fails, naming the key, where a number is not finite; and on what is no TOML.
+pub fn only_finite(text: &str) -> anyhow::Result<()> {
+    fn check(value: &toml::Value, path: &str) -> anyhow::Result<()> {
+        match value {
+            toml::Value::Float(number) => {
+                anyhow::ensure!(number.is_finite(), "{path} must be a finite number, got {number}");
+                Ok(())
+            }
+            toml::Value::Array(values) => {
+                values.iter().enumerate().try_for_each(|(index, value)| check(value, &format!("{path}[{index}]")))
+            }
+            toml::Value::Table(table) => table.iter().try_for_each(|(key, value)| match path {
+                "" => check(value, key),
+                _ => check(value, &format!("{path}.{key}")),
+            }),
+            _ => Ok(()),
+        }
+    }
+    check(&toml::Value::Table(toml::from_str(text)?), "")
 }
 
 #[cfg(test)]
@@ -216,6 +255,20 @@ mod tests {
             "name = 'x'\n[tolerance]\nerror_mm = 'far'\nerror_deg = 1",
         ] {
             assert!(Experiment::parse(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_number_that_is_none_is_refused_with_its_key_instead_of_taken_for_a_default() {
+        for (bad, key) in [
+            ("[settings]\ngain = nan", "settings.gain"),
+            ("[start]\ndisplacement = [0, inf, 0, 0, 0, 0]", "start.displacement[1]"),
+            ("[[disturbances]]\nname = 'd'\ndisturbance = { light = [{ gain = nan }] }", "light[0].gain"),
+            ("[tolerance]\nerror_mm = -1\nerror_deg = 0.1", "tolerance.error_mm must be above 0, got -1"),
+            ("scenes = [{ name = 's', tolerance = { error_mm = 1, error_deg = 0 } }]", "tolerance.error_deg"),
+        ] {
+            let error = Experiment::parse(&format!("name = 'x'\n{bad}")).expect_err(bad).to_string();
+            assert!(error.contains(key), "{error}");
         }
     }
 }

@@ -9,6 +9,7 @@ use anyhow::Context;
 use domvs_proto::settings::Camera;
 use domvs_simulators::spec::{self, WorldSpec};
 use domvs_simulators::{PinholeCamera, Simulation, motion};
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::plan::RunPlan;
@@ -67,16 +68,30 @@ fn described(plan: &RunPlan) -> anyhow::Result<WorldSpec> {
         Some(name) => WorldSpec::named(name)?,
         None => WorldSpec { scene: WorldSpec::named(SCENE)?.scene, ..WorldSpec::default() },
     };
-    let mut world = serde_json::to_value(base)?;
+    let mut world = base.clone();
+    let mut all = serde_json::to_value(base)?;
     for (key, table) in &plan.world {
-        match (&mut world[key], table) {
+        match (&mut all[key], table) {
             (Value::Object(there), Value::Object(table)) if key == "camera" || key == "disturbance" => {
                 there.extend(table.clone());
             }
             (place, table) => *place = table.clone(),
         }
+        let part = all[key].take();
+        match key.as_str() {
+            "camera" => world.camera = part_of(key, part)?,
+            "scene" => world.scene = part_of(key, part)?,
+            "target" => world.target = part_of(key, part)?,
+            "start" => world.start = part_of(key, part)?,
+            _ => world.disturbance = part_of(key, part)?,
+        }
     }
-    serde_json::from_value(world).context("camera, scene, target, start or disturbance")
+    Ok(world)
+}
+
+/// One table of a world.
+fn part_of<T: DeserializeOwned>(key: &str, part: Value) -> anyhow::Result<T> {
+    serde_json::from_value(part).with_context(|| format!("[{key}]"))
 }
 
 fn settings_camera(camera: &PinholeCamera) -> Camera {
@@ -125,6 +140,7 @@ mod tests {
     #[test]
     fn an_unknown_key_is_named() {
         let error = Worlds::default().open(&plan("disturbance = { noise_varianze = 1 }")).err().expect("no such key");
-        assert!(format!("{error:#}").contains("noise_varianze"), "{error:#}");
+        let error = format!("{error:#}");
+        assert!(error.contains("[disturbance]") && error.contains("noise_varianze"), "{error}");
     }
 }

@@ -52,8 +52,10 @@ pub fn run(args: &RunArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<
     let interrupted = pool::interruption()?;
     let worlds = Worlds::default();
     let bar = progress::bar(plans.len(), 0, paint_errors);
-    let work = |service: &mut Box<dyn Service>, plan: &RunPlan| {
-        shown::run(plan, &worlds, service.as_mut(), &out, &interrupted)
+    let folders = shown::folder_names(&plans);
+    let jobs: Vec<(&RunPlan, &String)> = plans.iter().zip(&folders).collect();
+    let work = |service: &mut Box<dyn Service>, (plan, folder): &(&RunPlan, &String)| {
+        shown::run(plan, &worlds, service.as_mut(), &out.join(folder), &interrupted)
     };
     let mut runs: Vec<Option<Shown>> = plans.iter().map(|_| None).collect();
     let done = |index: usize, run: Option<Shown>| {
@@ -61,7 +63,7 @@ pub fn run(args: &RunArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<
         runs[index] = run;
         Ok(())
     };
-    let result = pool::in_parallel(common.jobs(), &plans, &interrupted, common.services()?, work, done);
+    let result = pool::in_parallel(common.jobs(), &jobs, &interrupted, common.services()?, work, done);
     bar.finish_and_clear();
     result?;
     let runs: Vec<Shown> = runs.into_iter().flatten().collect();

@@ -16,7 +16,7 @@ use crate::experiment::service::Service;
 use crate::experiment::store::Store;
 use crate::experiment::summary::{cell_table, json_lines, write_results};
 use crate::experiment::world::Worlds;
-use crate::experiment::{named, pool, progress};
+use crate::experiment::{named, pool, progress, rates};
 use crate::paint::{Paint, print_line};
 
 /// Count how often methods converge, over many displacements
@@ -44,7 +44,9 @@ A run has converged when the camera ends within the file's tolerance (1 mm and 0
 images is the number of images after which it stayed there; path is the length of the camera's path over the straight line; both \
 are medians over the converged runs. Intervals are Wilson's, 95 %.
 
-The folder holds results.jsonl (what is done), results.json (runs and cells), runs.csv and cells.csv.
+The folder holds index.html (the table, and the rates with their intervals as a plot), rates.svg, results.jsonl (what is done), \
+results.json (runs and cells), runs.csv and cells.csv. A texture, a photograph or a mesh that has changed counts as a change of \
+the file; what a mesh's file names in turn does not (--fresh).
 
 Exit codes: 0 every run is done, whatever the rates, 1 an error, 2 the command line was not understood, 130 interrupted.";
 
@@ -69,9 +71,10 @@ pub fn run(args: &SweepArgs, paint: Paint, paint_errors: Paint) -> anyhow::Resul
     let outcomes: Vec<Outcome> = plans.iter().filter_map(|plan| store.get(&plan.key()).cloned()).collect();
     let cells = cells(&outcomes);
     write_results(&out, &experiment, &outcomes, &cells)?;
+    rates::write(&out, &experiment, &cells)?;
     let text = match common.json {
         true => json_lines(&outcomes, &cells)?,
-        false => format!("{}\nresults: {}", cell_table(&cells, paint), out.display()),
+        false => format!("{}\nresults: {}", cell_table(&cells, paint), out.join("index.html").display()),
     };
     print_line(&text).context("cannot write the result")?;
     if interrupted.load(Ordering::Relaxed) && outcomes.len() < plans.len() {
