@@ -27,10 +27,36 @@ use crate::paint::Paint;
 /// cap is on, half a step is taken per image. By default the service's own code is called in this process; with --over-zenoh the
 /// real service answers, with the same result.
 #[derive(Args, Clone, Debug)]
+#[command(after_long_help = FILE)]
 pub struct ExperimentArgs {
     #[command(subcommand)]
     verb: Verb,
 }
+
+const FILE: &str = "\
+A file of your own (TOML; only name is needed):
+
+  name = \"mine\"
+  seed = 7                  # displacement k has the seed 7 + k, whatever the method
+  images = 60               # of a run at most
+  displacements = 100       # of each cell, for sweep; run takes the first
+  methods = [\"default\", \"HM\", { name = \"HM l=3\", settings = { method = \"hahn\", order = 3 } }]
+  scenes = [\"boxes\", \"my-world.toml\", { name = \"far\", start = { random = { scale = 1.5 } } }]
+  [tolerance]
+  error_mm = 1.0
+  error_deg = 0.1
+  [camera]                  # camera, scene, target, start, disturbance: as in docs/worlds.md
+  width = 320
+  height = 240
+  [settings]                # of the tasks, for all methods: as in docs/protocol.md
+  order = { min = 4, max = 8 }
+  [[disturbances]]
+  name = \"dusk\"
+  disturbance = { light = [{ gain = 0.7 }] }
+
+Without methods the default law runs; without scenes, [scene]; without disturbances, [disturbance]. Tables in the three lists need a \
+name and may hold camera, scene, target, start, disturbance, settings, images and tolerance, which go over the file's: camera and \
+disturbance key by key, the others whole. Paths begin in the folder of the file that has them.";
 
 #[derive(Subcommand, Clone, Debug)]
 enum Verb {
@@ -148,5 +174,19 @@ pub fn run(args: &ExperimentArgs, paint: Paint, paint_errors: Paint) -> anyhow::
         Verb::Basis(args) => basis::run(args, paint),
         Verb::All(args) => report::all(args, paint, paint_errors),
         Verb::Report(args) => report::report(args),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::spec::Experiment;
+
+    #[test]
+    fn the_file_in_the_help_is_one_and_fits_into_a_hundred_columns() {
+        let text: Vec<&str> = FILE.lines().filter_map(|line| line.strip_prefix("  ")).collect();
+        let experiment = Experiment::parse(&text.join("\n")).expect("the help's example");
+        assert_eq!((experiment.displacements, experiment.methods.len(), experiment.scenes.len()), (100, 3, 3));
+        assert!(text.iter().all(|line| line.len() <= 98), "a longer line would be wrapped, which TOML is not");
     }
 }

@@ -74,6 +74,9 @@ pub fn run(args: &RunArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<
         false => format!("{}\nresults: {}", run_table(&outcomes, paint), out.join("index.html").display()),
     };
     print_line(&text).context("cannot write the result")?;
+    if interrupted.load(Ordering::Relaxed) {
+        eprintln!("interrupted after {} of {} runs", outcomes.len(), plans.len());
+    }
     Ok(match outcomes.iter().all(|outcome| outcome.converged) {
         _ if interrupted.load(Ordering::Relaxed) => exit::interrupted(),
         true => exit::done(),
