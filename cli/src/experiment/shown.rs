@@ -101,7 +101,7 @@ fn picks(last: usize) -> Vec<usize> {
 pub fn folder_names(plans: &[RunPlan]) -> Vec<String> {
     let comparisons = plans.iter().map(|plan| slug(&format!("{} {}", plan.cell.scene, plan.cell.disturbance)));
     let mut taken: HashSet<String> = comparisons.collect();
-    let mut free = |plan: &RunPlan| {
+    let free = |plan: &RunPlan| {
         let slug = slug(&format!("{} {} {}", plan.cell.scene, plan.cell.disturbance, plan.cell.method));
         let numbered = (2..).map(|number| format!("{slug}-{number}"));
         let name = std::iter::once(slug.clone()).chain(numbered).find(|name| !taken.contains(name));
@@ -109,7 +109,7 @@ pub fn folder_names(plans: &[RunPlan]) -> Vec<String> {
         taken.insert(name.clone());
         name
     };
-    plans.iter().map(|plan| free(plan)).collect()
+    plans.iter().map(free).collect()
 }
 
 /// A name as a folder's: letters, digits, dots; the rest becomes a dash.
