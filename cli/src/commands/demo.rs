@@ -113,7 +113,7 @@ fn task_settings(args: &DemoArgs, info: &CameraInfo) -> anyhow::Result<TaskSetti
     Ok(settings)
 }
 
-/// What the answer to one image says, with the simulator's truth about where the camera was.
+/// The row of one image, with the window that the settings fix.
 fn answer_row(
     image: u64,
     answer: &TwistMessage,
@@ -125,20 +125,7 @@ fn answer_row(
         (Method::Hahn, Window::Fixed { a, b }) => vec![a[0], b[0], a[1], b[1]],
         _ => Vec::new(),
     };
-    RunRow {
-        twist: answer.twist,
-        status: answer.status.word().to_owned(),
-        order: usize::from(answer.order),
-        window,
-        pixel_mse: answer.pixel_mse,
-        feature_error_norm: answer.feature_error_norm,
-        condition_number: answer.condition_number,
-        compute_us: f64::from(answer.compute_us),
-        error_mm: error.mm,
-        error_deg: error.deg,
-        position_m: pose.translation.vector.into(),
-        ..RunRow::empty(image)
-    }
+    RunRow { window, ..RunRow::answered(image, answer, error, pose.translation.vector.into()) }
 }
 
 fn report(run: &Run, args: &DemoArgs, paint: Paint) -> anyhow::Result<ExitCode> {

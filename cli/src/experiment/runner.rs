@@ -146,21 +146,8 @@ pub fn frame(rendering: &Rendering, sequence: u64) -> anyhow::Result<OutgoingFra
 }
 
 fn row(image: u64, answer: &TwistMessage, settings: &TaskSettings, simulation: &Simulation) -> RunRow {
-    let error = simulation.error();
-    RunRow {
-        time_s: image as f64 * settings.frame_period_s,
-        twist: answer.twist,
-        status: answer.status.word().to_owned(),
-        order: usize::from(answer.order),
-        pixel_mse: answer.pixel_mse,
-        feature_error_norm: answer.feature_error_norm,
-        condition_number: answer.condition_number,
-        compute_us: f64::from(answer.compute_us),
-        error_mm: error.mm,
-        error_deg: error.deg,
-        position_m: world::position_m(simulation),
-        ..RunRow::empty(image)
-    }
+    let row = RunRow::answered(image, answer, simulation.error(), world::position_m(simulation));
+    RunRow { time_s: image as f64 * settings.frame_period_s, ..row }
 }
 
 #[cfg(test)]

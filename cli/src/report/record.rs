@@ -1,5 +1,8 @@
 //! The rows of a run: one per image that was answered.
 
+use domvs_proto::twist::TwistMessage;
+use domvs_simulators::PoseError;
+
 /// One image of a run and the answer to it. A number that does not apply is NaN.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunRow {
@@ -64,6 +67,23 @@ impl RunRow {
             error_mm: f64::NAN,
             error_deg: f64::NAN,
             position_m: [f64::NAN; 3],
+        }
+    }
+
+    /// What the answer to one image says, with the simulator's truth about where the camera was.
+    pub fn answered(image: u64, answer: &TwistMessage, error: PoseError, position_m: [f64; 3]) -> RunRow {
+        RunRow {
+            twist: answer.twist,
+            status: answer.status.word().to_owned(),
+            order: usize::from(answer.order),
+            pixel_mse: answer.pixel_mse,
+            feature_error_norm: answer.feature_error_norm,
+            condition_number: answer.condition_number,
+            compute_us: f64::from(answer.compute_us),
+            error_mm: error.mm,
+            error_deg: error.deg,
+            position_m,
+            ..RunRow::empty(image)
         }
     }
 }
