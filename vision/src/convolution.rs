@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use crate::image::Plane;
-use crate::projection::LANES;
+use crate::chunks::LANES;
 use crate::sample::Sample;
 
 /// Columns that are summed side by side.

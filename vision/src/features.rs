@@ -9,6 +9,7 @@ use crate::gram::{COLUMNS, Gram};
 use crate::image::Plane;
 use crate::law::Law;
 use crate::moments::{Extras, FeatureRow, Moments, Work};
+use crate::path::Path;
 use crate::photometric::Photometric;
 use crate::planes::PLAIN;
 use crate::sample::Sample;
@@ -80,6 +81,12 @@ impl<T: Sample> Features<T> {
             }
             Features::Photometric(pixels) => Ok(pixels.gram(sights)),
             Features::GaussianMixture(mixture) => Ok(mixture.gram(sights)),
+        }
+    }
+
+    pub(crate) fn set_path(&mut self, path: Path) {
+        if let Features::Moments(moments) = self {
+            moments.set_path(path);
         }
     }
 

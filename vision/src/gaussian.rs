@@ -15,7 +15,7 @@ use crate::law::{Gaussian, GaussianForm};
 use crate::low_rank::Projection;
 use crate::planes::RowPlanes;
 use crate::products::add_products;
-use crate::projection::LANES;
+use crate::chunks::LANES;
 use crate::sample::Sample;
 
 /// The Gaussian mixtures' buffers for one camera, image size and extent.

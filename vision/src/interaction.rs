@@ -8,9 +8,13 @@
 //! L_I = [ ζ g_u,  ζ g_v,  -ζ(x g_u + y g_v),  -(x y g_u + (1 + y²) g_v),  (1 + x²) g_u + x y g_v,  x g_v - y g_u ]
 //! ```
 
+use std::ops::{Add, Mul, Neg, Sub};
+
+use fearless_simd::Simd;
 use nalgebra::Matrix2x6;
 
 use crate::image::Plane;
+use crate::row::{load, load_beside};
 use crate::sample::Sample;
 
 /// `L_x`: how a point at normalized `(x, y)` and depth `Z` moves under a camera twist, Eq. (37).
@@ -42,29 +46,56 @@ pub(crate) fn gradient_row<T: Sample>(image: &Plane<T>, v: usize, along_u: &mut 
     }
 }
 
-/// The moments, along one image row and for one `p_n`, of what `L_I` is made of. `g_u` and `g_v` are `f_u ∇I_u` and `f_v ∇I_v`.
+/// The brightness around one image row, from which its slopes come: central differences, one-sided at the border. At least 2x2 pixels.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct GradientMoments {
-    /// Of `g_u`, `x g_u` and `x² g_u`.
-    pub g_u: [f64; 3],
-    /// Of `g_v` and `x g_v`.
-    pub g_v: [f64; 2],
-    /// Of `ζ g_u` and `x ζ g_u`.
-    pub zeta_g_u: [f64; 2],
-    /// Of `ζ g_v`.
-    pub zeta_g_v: f64,
+pub(crate) struct Slopes<'a, T> {
+    above: &'a [T],
+    here: &'a [T],
+    below: &'a [T],
+    along_v: T,
 }
 
-impl GradientMoments {
-    /// The six columns of `L_I`, projected on `p_n` along the row at normalized `y`.
-    #[inline]
-    pub(crate) fn interaction(&self, y: f64) -> [f64; 6] {
-        let GradientMoments { g_u, g_v, zeta_g_u, zeta_g_v } = self;
+impl<'a, T: Sample> Slopes<'a, T> {
+    /// Around row `v`.
+    #[inline(always)]
+    pub(crate) fn of(image: &'a Plane<T>, v: usize) -> Slopes<'a, T> {
+        let (above, below) = (v.saturating_sub(1), (v + 1).min(image.height() - 1));
+        let along_v = T::from_f64(1.0 / (below - above) as f64);
+        Slopes { above: image.row(above), here: image.row(v), below: image.row(below), along_v }
+    }
+
+    /// `∇I_u` and `∇I_v` of the pixels from `at` on, in brightness per pixel; past the row's end they are finite and mean nothing.
+    #[inline(always)]
+    pub(crate) fn at<S: Simd>(&self, simd: S, at: usize) -> [T::Vector<S>; 2] {
+        let along_u = load_beside::<S, T, 1>(simd, self.here, at) - load_beside::<S, T, -1>(simd, self.here, at);
+        let along_v = load(simd, self.below, at) - load(simd, self.above, at);
+        [along_u * T::from_f64(0.5), along_v * self.along_v]
+    }
+}
+
+/// The moments, along one image row and for one `p_n`, of what `L_I` is made of. `g_u` and `g_v` are `f_u ∇I_u` and `f_v ∇I_v`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct GradientMoments<N> {
+    /// Of `g_u`, `x g_u` and `x² g_u`.
+    pub g_u: [N; 3],
+    /// Of `g_v` and `x g_v`.
+    pub g_v: [N; 2],
+    /// Of `ζ g_u` and `x ζ g_u`.
+    pub zeta_g_u: [N; 2],
+    /// Of `ζ g_v`.
+    pub zeta_g_v: N,
+}
+
+impl<N: Copy + Add<Output = N> + Sub<Output = N> + Mul<Output = N> + Neg<Output = N>> GradientMoments<N> {
+    /// The six columns of `L_I`, projected on `p_n` along the row at normalized `y`; of one `n`, or of as many as a vector holds.
+    #[inline(always)]
+    pub(crate) fn interaction(&self, y: N, one_and_yy: N) -> [N; 6] {
+        let GradientMoments { g_u, g_v, zeta_g_u, zeta_g_v } = *self;
         [
             zeta_g_u[0],
-            *zeta_g_v,
+            zeta_g_v,
             -(zeta_g_u[1] + y * zeta_g_v),
-            -(y * g_u[1] + (1.0 + y * y) * g_v[0]),
+            -(y * g_u[1] + one_and_yy * g_v[0]),
             g_u[0] + g_u[2] + y * g_v[1],
             g_v[1] - y * g_u[0],
         ]
@@ -106,7 +137,7 @@ mod tests {
             zeta_g_v: zeta * g[1],
         };
         let expected = -nalgebra::RowVector2::from(g) * point_interaction(x, y, depth_m);
-        let worst = at_one_pixel.interaction(y).into_iter().zip(expected.iter()).map(|(a, b)| (a - b).abs());
+        let worst = at_one_pixel.interaction(y, 1.0 + y * y).into_iter().zip(expected.iter()).map(|(a, b)| (a - b).abs());
         assert!(worst.fold(0.0, f64::max) < 1e-15, "numbers near 1: a rounding error or two");
     }
 }

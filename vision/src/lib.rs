@@ -25,7 +25,13 @@
 //! ```
 
 // One group each, so that rustfmt leaves them in the data's order.
+mod path;
+
+mod peak;
+
 mod sample;
+
+mod row;
 
 mod image;
 
@@ -51,9 +57,13 @@ mod order;
 
 pub mod basis;
 
+mod strands;
+
 mod projection;
 
 pub mod interaction;
+
+mod table;
 
 mod sweep;
 
@@ -62,6 +72,8 @@ mod moments;
 pub mod gram;
 
 mod light;
+
+mod chunks;
 
 pub mod planes;
 
@@ -92,6 +104,8 @@ pub use image::{ImageError, Plane};
 pub use law::{DepthScale, Gain, Gaussian, GaussianForm, Holes, Law, LawError, LightPrior, NoiseFloor, StepCap};
 pub use moments::{FeatureRow, Work};
 pub use order::{OrderError, OrderRule};
+pub use path::Path;
+pub use peak::spin;
 pub use sample::Sample;
 pub use servo::{Servo, ServoError, Step, View};
 pub use twist::Twist;

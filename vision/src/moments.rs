@@ -1,17 +1,21 @@
 //! Features and interaction matrix of the discrete orthogonal moments: `e = P - P*` and `L̂ = ½(L(I, Z) + L(I*, Z*))`.
 //!
-//! Each view is swept once ([`crate::sweep`]), Eq. (9), (29), (40), (52). The bases and the desired view's half of `L̂` are kept
-//! until a parameter changes; the desired half is made up to the highest order, of which every lower one is a part.
+//! Sweeps ([`crate::sweep`]) make them, Eq. (9), (29), (40), (52). The bases and the desired view's half of `L̂` are kept until a parameter
+//! changes. A step with new bases sweeps both views at once; the next one with the same bases makes the desired half, up to the highest order, of
+//! which every lower one is a part, and from then on only current views are swept.
 
 use crate::basis::{Basis, BasisError};
 use crate::camera::Intrinsics;
 use crate::family::Polynomial;
 use crate::features::Sights;
 use crate::gram::Gram;
+use crate::image::Plane;
 use crate::order::feature_count;
+use crate::path::Path;
 use crate::projection::Carriers;
 use crate::sample::Sample;
-use crate::sweep::{ERROR_AND_INTERACTION, FeatureTable, LIGHT, Sweep};
+use crate::sweep::{Sweep, Views};
+use crate::table::{ERROR_AND_INTERACTION, FeatureTable, LIGHT};
 
 /// One feature of the last step: its error `e_nm` and its row of `L̂`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,6 +39,10 @@ pub struct Work {
     pub desired_sweeps: usize,
     /// Sweeps over a current view.
     pub current_sweeps: usize,
+    /// Sweeps over both views at once.
+    pub joint_sweeps: usize,
+    /// Multiply-adds in projections and inner products that were of use: what a literal separable evaluation needs, no more.
+    pub multiply_adds: u64,
 }
 
 /// The moments' buffers and caches for one camera and image size.
@@ -45,8 +53,7 @@ pub(crate) struct Moments<T> {
     basis_v: Basis,
     /// What the two bases hold; `None` after a basis could not be made.
     made: [Option<Polynomial>; 2],
-    /// Whether `desired` is of these bases.
-    desired_is_made: bool,
+    desired_half: Half,
     highest_order: usize,
     /// The current view is swept up to this order even if the features end before.
     least_swept: usize,
@@ -56,6 +63,17 @@ pub(crate) struct Moments<T> {
     /// `C`, if the law estimates light.
     light: Option<FeatureTable<LIGHT>>,
     work: Work,
+}
+
+/// What is known of the desired view's half of `L̂`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Half {
+    /// It is of these bases and weights.
+    Made,
+    /// It is of others.
+    Outdated,
+    /// Of others too, but the last step had these already: it will be of use more than once.
+    Wanted,
 }
 
 /// What a law needs of moments besides its features.
@@ -86,7 +104,7 @@ impl<T: Sample> Moments<T> {
             basis_u,
             basis_v,
             made: [Some(along_u), Some(along_v)],
-            desired_is_made: false,
+            desired_half: Half::Outdated,
             highest_order,
             least_swept: extras.least_swept,
             order: 0,
@@ -108,20 +126,24 @@ impl<T: Sample> Moments<T> {
         sights: Sights<'_, T>,
     ) -> Result<Gram, BasisError> {
         self.use_bases(polynomials)?;
-        if !self.desired_is_made {
-            self.sweep_desired(sights);
-        }
-        let (desired, weight, swept) = (Some(sights.desired.0), sights.weight, order.max(self.least_swept));
-        self.sweep.add_up(sights.current, desired, weight, &self.basis_v, swept, &mut self.current);
-        self.work.current_sweeps += 1;
-        self.current.take_mean_interaction(&self.desired);
         self.order = order;
+        match self.desired_half {
+            Half::Made => self.sweep_current(sights),
+            Half::Outdated if self.least_swept == 0 => {
+                self.sweep_both(sights);
+                self.desired_half = Half::Wanted;
+            }
+            Half::Outdated | Half::Wanted => {
+                self.sweep_desired(sights);
+                self.sweep_current(sights);
+            }
+        }
 
         let mut gram = Gram::new();
         match &self.light {
             None => self.features().for_each(|row| gram.add(&row.interaction, row.error)),
             Some(light) => {
-                self.features().for_each(|row| gram.add_with_light(&row.interaction, light.at(row.n, row.m), row.error))
+                self.features().for_each(|row| gram.add_with_light(&row.interaction, &light.at(row.n, row.m), row.error))
             }
         }
         debug_assert_eq!(gram.features, feature_count(order));
@@ -136,7 +158,7 @@ impl<T: Sample> Moments<T> {
     /// `e - C h` and the current view's own `L(I, Z)` of the last step, up to the order that was swept.
     pub(crate) fn own_rows(&self, light: [f64; 6]) -> impl Iterator<Item = FeatureRow> {
         self.current.rows(self.current.order()).map(move |row| {
-            let [_, desired @ ..] = self.desired.at(row.n, row.m);
+            let [_, desired @ ..]: [f64; ERROR_AND_INTERACTION] = self.desired.at(row.n, row.m);
             let lit = self.light.as_ref().map_or(0.0, |columns| {
                 columns.at(row.n, row.m).iter().zip(light).map(|(column, light)| column * light).sum()
             });
@@ -146,18 +168,41 @@ impl<T: Sample> Moments<T> {
         })
     }
 
+    pub(crate) fn set_path(&mut self, path: Path) {
+        self.sweep.set_path(path);
+    }
+
     /// The desired view has to be swept again: its weights are others.
     pub(crate) fn forget_desired(&mut self) {
-        self.desired_is_made = false;
+        self.desired_half = Half::Outdated;
+    }
+
+    fn sweep_both(&mut self, Sights { current, desired, weight }: Sights<'_, T>) {
+        let views = Views::Both([current, desired]);
+        self.work.multiply_adds += self.sweep.add_up(views, weight, &self.basis_v, self.order, &mut self.current);
+        self.work.joint_sweeps += 1;
+        self.sweep_light(desired.0, weight, self.order);
+    }
+
+    fn sweep_current(&mut self, Sights { current, desired, weight }: Sights<'_, T>) {
+        let (views, order) = (Views::Current(current, desired.0), self.order.max(self.least_swept));
+        self.work.multiply_adds += self.sweep.add_up(views, weight, &self.basis_v, order, &mut self.current);
+        self.work.current_sweeps += 1;
+        self.current.take_mean_interaction(&self.desired);
     }
 
     fn sweep_desired(&mut self, Sights { desired, weight, .. }: Sights<'_, T>) {
-        self.sweep.add_up(desired, None, weight, &self.basis_v, self.highest_order, &mut self.desired);
-        if let Some(light) = &mut self.light {
-            self.sweep.add_up_light(desired.0, weight, &self.basis_v, self.highest_order, light);
-        }
+        let (views, order) = (Views::Desired(desired), self.highest_order);
+        self.work.multiply_adds += self.sweep.add_up(views, weight, &self.basis_v, order, &mut self.desired);
         self.work.desired_sweeps += 1;
-        self.desired_is_made = true;
+        self.sweep_light(desired.0, weight, order);
+        self.desired_half = Half::Made;
+    }
+
+    fn sweep_light(&mut self, desired: &Plane<T>, weight: Option<&Plane<T>>, order: usize) {
+        if let Some(light) = &mut self.light {
+            self.work.multiply_adds += self.sweep.add_up_light(desired, weight, &self.basis_v, order, light);
+        }
     }
 
     pub(crate) fn work(&self) -> Work {
@@ -166,14 +211,14 @@ impl<T: Sample> Moments<T> {
 
     fn use_bases(&mut self, [along_u, along_v]: [Polynomial; 2]) -> Result<(), BasisError> {
         if self.made[0] != Some(along_u) {
-            (self.made[0], self.desired_is_made) = (None, false);
+            (self.made[0], self.desired_half) = (None, Half::Outdated);
             self.basis_u.remake(along_u)?;
             self.sweep.set_basis(&self.basis_u);
             self.made[0] = Some(along_u);
             self.work.bases += 1;
         }
         if self.made[1] != Some(along_v) {
-            (self.made[1], self.desired_is_made) = (None, false);
+            (self.made[1], self.desired_half) = (None, Half::Outdated);
             self.basis_v.remake(along_v)?;
             self.made[1] = Some(along_v);
             self.work.bases += 1;

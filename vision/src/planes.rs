@@ -11,7 +11,7 @@ use crate::gram::{COLUMNS, ERROR};
 use crate::image::Plane;
 use crate::interaction::gradient_row;
 use crate::light::light_row;
-use crate::projection::{Chunks, LANES, padded_row};
+use crate::chunks::{Chunks, LANES, padded_row};
 use crate::sample::Sample;
 use crate::servo::View;
 

@@ -5,7 +5,7 @@
 
 use crate::gram::{COLUMNS, Gram};
 use crate::planes::{PLAIN, gram_column};
-use crate::projection::{LANES, add_lanes, tile};
+use crate::chunks::{LANES, add_lanes, tile};
 use crate::sample::Sample;
 
 /// Adds the products of the planes' stretches to `gram`: 7 planes or, with light, 13, of one length.

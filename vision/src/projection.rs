@@ -9,25 +9,22 @@
 
 use std::ops::Range;
 
+use fearless_simd::Simd;
+
 use crate::basis::Basis;
 use crate::camera::Intrinsics;
+use crate::row::Row;
 use crate::sample::Sample;
+use crate::strands::{has_many_registers, products};
+use crate::table::padded;
 
-/// Samples that are worked on side by side; rows are padded with zeros to whole chunks.
-pub(crate) const LANES: usize = 4;
-
-/// A row of samples in whole chunks.
-pub(crate) type Chunks<T> = Vec<[T; LANES]>;
-
-/// A zeroed row for `length` samples.
-pub(crate) fn padded_row<T: Sample>(length: usize) -> Chunks<T> {
-    vec![[T::ZERO; LANES]; length.div_ceil(LANES)]
-}
+/// Most planes that are projected together.
+pub(crate) const MOST_PLANES: usize = 5;
 
 /// The rows that carry `p_n`, `x p_n` and `x² p_n` along `u`, for `n` up to the highest order.
 #[derive(Debug)]
 pub(crate) struct Carriers<T> {
-    rows: Vec<Chunks<T>>,
+    rows: Vec<Row<T>>,
     times_x: TimesX,
     highest_order: usize,
 }
@@ -56,7 +53,7 @@ impl<T: Sample> Carriers<T> {
             }
             None => (3 * (highest_order + 1), TimesX::OwnRows),
         };
-        Carriers { rows: (0..rows).map(|_| padded_row(basis.length())).collect(), times_x, highest_order }
+        Carriers { rows: (0..rows).map(|_| Row::zeros(basis.length())).collect(), times_x, highest_order }
     }
 
     /// Fills the carriers from another basis of the same kind, in place.
@@ -86,36 +83,108 @@ impl<T: Sample> Carriers<T> {
         }
     }
 
-    /// How many carriers there are.
-    pub(crate) fn len(&self) -> usize {
-        self.rows.len()
+    /// How far apart [`Carriers::project`] puts the moments of two planes: whole vectors, and room for all carriers.
+    pub(crate) fn stride(&self) -> usize {
+        padded(self.rows.len())
+    }
+
+    /// Multiply-adds of one [`Carriers::project`] that are of use, by pixels of a row.
+    pub(crate) fn multiply_adds(&self, degrees: &[usize], order: usize) -> usize {
+        let rows = |degree: usize| (0..=degree).map(|degree| self.range(degree, order).len()).sum::<usize>();
+        degrees.iter().map(|degree| rows(*degree)).sum()
     }
 
     /// Projects `planes[i]`, one row of a plane each, on all carriers that orders up to `order` need; `degrees[i]` is plane `i`'s
-    /// degree, highest first. `moments` gets one stretch of [`Carriers::len`] per plane.
-    pub(crate) fn project(&self, planes: &[&[[T; LANES]]], degrees: &[usize], order: usize, moments: &mut [f64]) {
+    /// degree, highest first. `moments` gets one stretch of [`Carriers::stride`] per plane.
+    #[inline(always)]
+    pub(crate) fn project<S: Simd>(
+        &self,
+        simd: S,
+        planes: [&[T]; MOST_PLANES],
+        degrees: &[usize],
+        order: usize,
+        moments: &mut [f64],
+    ) {
+        if let TimesX::Recurrence { .. } = self.times_x {
+            // The two rows more are in one stretch with the others: all planes take them along, which costs less than a pass of their own.
+            return self.project_all(simd, planes, degrees.len(), 0..order + 1 + degrees[0], moments);
+        }
         for degree in 0..=degrees[0] {
             let reaching = degrees.iter().take_while(|d| **d >= degree).count();
-            let rows = self.range(degree, order);
-            match planes[..reaching] {
-                [a] => self.tiles::<1, 4>([a], rows, moments),
-                [a, b] => self.tiles::<2, 2>([a, b], rows, moments),
-                [a, b, c] => self.tiles::<3, 2>([a, b, c], rows, moments),
-                [a, b, c, d] => self.tiles::<4, 2>([a, b, c, d], rows, moments),
-                [a, b, c, d, e] => self.tiles::<5, 2>([a, b, c, d, e], rows, moments),
-                _ => unreachable!("a view has one to five planes"),
+            self.project_all(simd, planes, reaching, self.range(degree, order), moments);
+        }
+    }
+
+    /// The first `count` planes times the carriers in `rows`.
+    #[inline(always)]
+    fn project_all<S: Simd>(
+        &self,
+        simd: S,
+        planes: [&[T]; MOST_PLANES],
+        count: usize,
+        rows: Range<usize>,
+        moments: &mut [f64],
+    ) {
+        let [a, b, c, d, e] = planes;
+        match count {
+            1 => self.tiles(simd, [a], rows, moments),
+            2 => self.tiles(simd, [a, b], rows, moments),
+            3 => self.tiles(simd, [a, b, c], rows, moments),
+            4 => self.tiles(simd, [a, b, c, d], rows, moments),
+            _ => self.tiles(simd, [a, b, c, d, e], rows, moments),
+        }
+    }
+
+    /// `P` planes times the carriers in `rows`, as many at a time as there are registers for.
+    #[inline(always)]
+    fn tiles<S: Simd, const P: usize>(&self, simd: S, planes: [&[T]; P], rows: Range<usize>, moments: &mut [f64]) {
+        let mut first = rows.start;
+        if has_many_registers::<S>() {
+            while rows.end - first > 5 || rows.end - first == 4 {
+                self.tile::<S, P, 4>(simd, planes, first, moments);
+                first += 4;
+            }
+            if rows.end - first > 2 {
+                self.tile::<S, P, 3>(simd, planes, first, moments);
+                first += 3;
+            }
+        }
+        while first + 2 <= rows.end {
+            self.tile::<S, P, 2>(simd, planes, first, moments);
+            first += 2;
+        }
+        if first < rows.end {
+            self.tile::<S, P, 1>(simd, planes, first, moments);
+        }
+    }
+
+    #[inline(always)]
+    fn tile<S: Simd, const P: usize, const C: usize>(
+        &self,
+        simd: S,
+        planes: [&[T]; P],
+        first: usize,
+        moments: &mut [f64],
+    ) {
+        let stride = self.stride();
+        let rows: [&[T]; C] = std::array::from_fn(|i| self.rows[first + i].padded());
+        for (i, row) in products(simd, rows, planes).into_iter().enumerate() {
+            for (plane, product) in row.into_iter().enumerate() {
+                moments[plane * stride + first + i] = product;
             }
         }
     }
 
     /// From the moments of `x^degree p_n` and of the carriers, those of `x^(degree + 1) p_n` for `n < raised.len()`.
+    #[inline(always)]
     pub(crate) fn raise(&self, degree: usize, carried: &[f64], moments: &[f64], raised: &mut [f64]) {
         match &self.times_x {
             TimesX::Recurrence { below, here } => {
-                let mut before = 0.0;
-                for (n, raised) in raised.iter_mut().enumerate() {
-                    *raised = below[n] * before + here[n] * moments[n] + below[n + 1] * moments[n + 1];
-                    before = moments[n];
+                let count = raised.len();
+                let (below, here, moments) = (&below[..count + 1], &here[..count], &moments[..count + 1]);
+                raised[0] = here[0] * moments[0] + below[1] * moments[1];
+                for n in 1..count {
+                    raised[n] = below[n] * moments[n - 1] + here[n] * moments[n] + below[n + 1] * moments[n + 1];
                 }
             }
             TimesX::OwnRows => {
@@ -135,65 +204,11 @@ impl<T: Sample> Carriers<T> {
             (TimesX::Recurrence { .. }, _) => order + degree..order + degree + 1,
         }
     }
-
-    /// `P` planes times the carriers in `rows`, `C` at a time.
-    fn tiles<const P: usize, const C: usize>(
-        &self,
-        planes: [&[[T; LANES]]; P],
-        rows: Range<usize>,
-        moments: &mut [f64],
-    ) {
-        let stride = self.rows.len();
-        let mut write = |first: usize, tile: &[[f64; P]]| {
-            for (i, products) in tile.iter().enumerate() {
-                for (plane, product) in products.iter().enumerate() {
-                    moments[plane * stride + first + i] = *product;
-                }
-            }
-        };
-        let mut first = rows.start;
-        while first + C <= rows.end {
-            write(first, &tile::<T, P, C>(planes, std::array::from_fn(|i| &self.rows[first + i][..])));
-            first += C;
-        }
-        for row in first..rows.end {
-            write(row, &tile::<T, P, 1>(planes, [&self.rows[row][..]]));
-        }
-    }
-}
-
-/// The products of `P` plane rows with `C` carriers. Every pair has its own strands, one per lane: no strand waits for another,
-/// and the compiler may keep each in one register (so `P * C` stays at 10 or below, of 16).
-#[inline(always)]
-pub(crate) fn tile<T: Sample, const P: usize, const C: usize>(
-    planes: [&[[T; LANES]]; P],
-    carriers: [&[[T; LANES]]; C],
-) -> [[f64; P]; C] {
-    let length = carriers[0].len();
-    let planes = planes.map(|plane| &plane[..length]);
-    let carriers = carriers.map(|carrier| &carrier[..length]);
-    let mut strands = [[[T::ZERO; LANES]; P]; C];
-    for i in 0..length {
-        for c in 0..C {
-            for p in 0..P {
-                for lane in 0..LANES {
-                    strands[c][p][lane] += carriers[c][i][lane] * planes[p][i][lane];
-                }
-            }
-        }
-    }
-    strands.map(|of_carrier| of_carrier.map(|lanes| add_lanes(&lanes)))
-}
-
-/// The lanes of a strand, added in `f64`. Not inlined: seeing these sums, the compiler would lay the strands' lanes out across strands.
-#[inline(never)]
-pub(crate) fn add_lanes<T: Sample>(lanes: &[T; LANES]) -> f64 {
-    lanes.iter().map(|lane| lane.to_f64()).sum()
 }
 
 /// `row[u] = values[u] * factor(u)`, rounded once.
-fn fill<T: Sample>(row: &mut Chunks<T>, values: &[f64], factor: impl Fn(f64) -> f64) {
-    for (u, (sample, value)) in row.as_flattened_mut().iter_mut().zip(values).enumerate() {
+fn fill<T: Sample>(row: &mut Row<T>, values: &[f64], factor: impl Fn(f64) -> f64) {
+    for (u, (sample, value)) in row.padded_mut().iter_mut().zip(values).enumerate() {
         *sample = T::from_f64(value * factor(u as f64));
     }
 }

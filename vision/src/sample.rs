@@ -5,6 +5,8 @@
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
+use fearless_simd::{Simd, SimdFloat, SimdFloatElement};
+
 /// A pixel's number type: `f32` or `f64`.
 pub trait Sample:
     Copy
@@ -19,7 +21,11 @@ pub trait Sample:
     + Mul<Output = Self>
     + Div<Output = Self>
     + AddAssign
+    + SimdFloatElement
 {
+    /// As many samples as a vector register of the path holds.
+    type Vector<S: Simd>: SimdFloat<S, Element = Self>;
+
     /// Nought.
     const ZERO: Self;
 
@@ -37,6 +43,8 @@ pub trait Sample:
 }
 
 impl Sample for f32 {
+    type Vector<S: Simd> = S::f32s;
+
     const ZERO: f32 = 0.0;
     const INFINITY: f32 = f32::INFINITY;
     const EPSILON: f32 = f32::EPSILON;
@@ -51,6 +59,8 @@ impl Sample for f32 {
 }
 
 impl Sample for f64 {
+    type Vector<S: Simd> = S::f64s;
+
     const ZERO: f64 = 0.0;
     const INFINITY: f64 = f64::INFINITY;
     const EPSILON: f64 = f64::EPSILON;

@@ -18,6 +18,7 @@ use crate::light::{self, light_alone, separate};
 use crate::moments::{Extras, FeatureRow, Work};
 use crate::noise;
 use crate::order::OrderRule;
+use crate::path::Path;
 use crate::pixel_error::pixel_mse;
 use crate::sample::Sample;
 use crate::twist::Twist;
@@ -232,8 +233,10 @@ impl<T: Sample> Servo<T> {
         Ok(())
     }
 
-    /// Forgets what earlier images told: `I°`, whose place the next step's image takes, the light and the depth scale.
+    /// Forgets what earlier images told: `I°`, whose place the next step's image takes, the light, the depth scale, and what is kept of the desired
+    /// view. What follows is, bit for bit, what a new servo would do.
     pub fn restart(&mut self) {
+        self.features.forget_desired();
         (self.initial_mse, self.light, self.moved) = (None, None, None);
         self.depth_scale = self.depth_scale.take().map(|_| DepthScaleEstimate::new());
     }
@@ -247,6 +250,11 @@ impl<T: Sample> Servo<T> {
         law.check()?;
         self.law = law;
         Ok(())
+    }
+
+    /// Uses these instructions from the next step on, in place of the widest this machine has.
+    pub fn set_path(&mut self, path: Path) {
+        self.features.set_path(path);
     }
 
     /// The law as it was given, with the gain set last.

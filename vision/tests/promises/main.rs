@@ -10,6 +10,7 @@ mod light;
 mod literal_sums;
 mod motion;
 mod options;
+mod paths;
 mod pixels;
 mod reference;
 mod scenes;
