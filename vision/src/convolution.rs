@@ -6,8 +6,8 @@
 
 use std::ops::Range;
 
-use crate::image::Plane;
 use crate::chunks::LANES;
+use crate::image::Plane;
 use crate::sample::Sample;
 
 /// Columns that are summed side by side.

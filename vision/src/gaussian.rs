@@ -8,6 +8,7 @@
 //! gets them by projection ([`crate::low_rank`]), unless the extent is so small that the blur itself is quicker.
 
 use crate::camera::Intrinsics;
+use crate::chunks::LANES;
 use crate::convolution::{Convolution, Stretch};
 use crate::features::Sights;
 use crate::gram::{COLUMNS, Gram};
@@ -15,7 +16,6 @@ use crate::law::{Gaussian, GaussianForm};
 use crate::low_rank::Projection;
 use crate::planes::RowPlanes;
 use crate::products::add_products;
-use crate::chunks::LANES;
 use crate::sample::Sample;
 
 /// The Gaussian mixtures' buffers for one camera, image size and extent.

@@ -137,7 +137,8 @@ mod tests {
             zeta_g_v: zeta * g[1],
         };
         let expected = -nalgebra::RowVector2::from(g) * point_interaction(x, y, depth_m);
-        let worst = at_one_pixel.interaction(y, 1.0 + y * y).into_iter().zip(expected.iter()).map(|(a, b)| (a - b).abs());
+        let worst =
+            at_one_pixel.interaction(y, 1.0 + y * y).into_iter().zip(expected.iter()).map(|(a, b)| (a - b).abs());
         assert!(worst.fold(0.0, f64::max) < 1e-15, "numbers near 1: a rounding error or two");
     }
 }

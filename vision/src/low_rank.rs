@@ -8,10 +8,10 @@
 
 use std::ops::Range;
 
+use crate::chunks::{Chunks, LANES, padded_row, tile};
 use crate::convolution::tap_count;
 use crate::gram::{COLUMNS, Gram};
 use crate::products::add_products;
-use crate::chunks::{Chunks, LANES, padded_row, tile};
 use crate::sample::Sample;
 
 /// What may be left of the trace of `M`, relative to it.

@@ -142,9 +142,9 @@ impl<T: Sample> Moments<T> {
         let mut gram = Gram::new();
         match &self.light {
             None => self.features().for_each(|row| gram.add(&row.interaction, row.error)),
-            Some(light) => {
-                self.features().for_each(|row| gram.add_with_light(&row.interaction, &light.at(row.n, row.m), row.error))
-            }
+            Some(light) => self
+                .features()
+                .for_each(|row| gram.add_with_light(&row.interaction, &light.at(row.n, row.m), row.error)),
         }
         debug_assert_eq!(gram.features, feature_count(order));
         Ok(gram)

@@ -2,80 +2,102 @@
 //!
 //! Over pixels with weight it is a weighted mean; with a light that is known, the mean of what that light leaves unexplained.
 
+use fearless_simd::{Simd, SimdBase, SimdFloat, dispatch};
+
 use crate::image::Plane;
 use crate::light::across;
+use crate::path::Path;
+use crate::row::load;
 use crate::sample::Sample;
-
-/// Samples that are added up side by side.
-const STRANDS: usize = 8;
 
 /// Mean of `(I - I*)²`; of `(I - I* - C h)²` with light `h`; weighted, if there are weights. Not finite if a pixel is not.
 pub(crate) fn pixel_mse<T: Sample>(
+    path: Path,
     image: &Plane<T>,
     desired: &Plane<T>,
     weight: Option<&Plane<T>>,
     light: Option<[f64; 6]>,
 ) -> f64 {
-    if weight.is_none() && light.is_none() {
-        return mean_square_difference(image, desired);
-    }
     let [gain, offset, gain_u, gain_v, offset_u, offset_v] = light.unwrap_or_default();
     let (mut squares, mut weights) = (0.0, 0.0);
     for v in 0..image.height() {
         let down = across(v, image.height());
-        let row = Lit { gain: [1.0 + gain + gain_v * down, gain_u], offset: [offset + offset_v * down, offset_u] };
-        let (own, desired) = (image.row(v), desired.row(v));
-        let [row_squares, row_weights] = match weight.map(|weight| weight.row(v)) {
-            None => [row.squares(own, desired, |_| 1.0), own.len() as f64],
-            Some(weight) => {
-                [row.squares(own, desired, |u| weight[u].to_f64()), weight.iter().map(|weight| weight.to_f64()).sum()]
-            }
+        let row = Row {
+            own: image.row(v),
+            desired: desired.row(v),
+            weight: weight.map(|weight| weight.row(v)),
+            light: light.map(|_| [1.0 + gain + gain_v * down, gain_u, offset + offset_v * down, offset_u]),
         };
+        let [row_squares, row_weights] = dispatch!(path.level(), simd => row.sums(simd));
         squares += row_squares;
         weights += row_weights;
     }
     squares / weights
 }
 
-/// The light along one row: `I* → (gain_0 + gain_1 u) I* + offset_0 + offset_1 u`, with `u` from -1 to 1.
-struct Lit {
-    gain: [f64; 2],
-    offset: [f64; 2],
+/// One row of both images.
+#[derive(Clone, Copy)]
+struct Row<'a, T> {
+    own: &'a [T],
+    desired: &'a [T],
+    weight: Option<&'a [T]>,
+    /// `I* → (light[0] + light[1] u) I* + light[2] + light[3] u`, with `u` from -1 to 1; `None` leaves `I*` as it is.
+    light: Option<[f64; 4]>,
 }
 
-impl Lit {
-    /// `Σ w (I - lit I*)²`.
-    fn squares<T: Sample>(&self, own: &[T], desired: &[T], weight: impl Fn(usize) -> f64) -> f64 {
-        let per_pixel = across(1, own.len()) - across(0, own.len());
-        let square = |u: usize| {
-            let right = u as f64 * per_pixel - 1.0;
-            let [gain, offset] = [self.gain, self.offset].map(|[at_centre, slope]| at_centre + slope * right);
-            let difference = own[u].to_f64() - gain * desired[u].to_f64() - offset;
-            weight(u) * difference * difference
-        };
-        let (mut strands, whole) = ([0.0; STRANDS], own.len() - own.len() % STRANDS);
-        for first in (0..whole).step_by(STRANDS) {
-            for (lane, strand) in strands.iter_mut().enumerate() {
-                *strand += square(first + lane);
+impl<T: Sample> Row<'_, T> {
+    /// `[Σ w (I - lit I*)², Σ w]`.
+    #[inline(always)]
+    fn sums<S: Simd>(&self, simd: S) -> [f64; 2] {
+        let (lanes, wide) = (T::Vector::<S>::LEN, S::f64s::LEN);
+        let whole = self.own.len() - self.own.len() % lanes;
+        let zero = S::f64s::splat(simd, 0.0);
+        let (mut squares, mut weights) = ([zero; 2], [zero; 2]);
+        let ramp = S::f64s::from_fn(simd, |lane| lane as f64);
+        let per_pixel = across(1, self.own.len()) - across(0, self.own.len());
+        for at in (0..whole).step_by(lanes) {
+            let (own, desired) = (load(simd, self.own, at), load(simd, self.desired, at));
+            let mut differences = T::widened(simd, own - desired);
+            if let Some([gain, gain_u, offset, offset_u]) = self.light {
+                let (own, desired) = (T::widened(simd, own), T::widened(simd, desired));
+                for k in 0..T::WIDE {
+                    let right = (ramp + (at + k * wide) as f64) * per_pixel - 1.0;
+                    differences[k] = own[k] - (right * gain_u + gain) * desired[k] - (right * offset_u + offset);
+                }
+            }
+            let mut weighted = differences;
+            if let Some(weight) = self.weight {
+                let weight = T::widened(simd, load(simd, weight, at));
+                for k in 0..T::WIDE {
+                    weighted[k] = weight[k] * differences[k];
+                    weights[k] += weight[k];
+                }
+            }
+            for k in 0..T::WIDE {
+                squares[k] = weighted[k].mul_add(differences[k], squares[k]);
             }
         }
-        strands.iter().sum::<f64>() + (whole..own.len()).map(square).sum::<f64>()
-    }
-}
-
-fn mean_square_difference<T: Sample>(image: &Plane<T>, desired: &Plane<T>) -> f64 {
-    let mut strands = [0.0; STRANDS];
-    let [(image, image_rest), (desired, desired_rest)] =
-        [image, desired].map(|plane| plane.samples().as_chunks::<STRANDS>());
-    let square = |a: T, b: T| (a - b).to_f64() * (a - b).to_f64();
-    for (a, b) in image.iter().zip(desired) {
-        for i in 0..STRANDS {
-            strands[i] += square(a[i], b[i]);
+        let mut sums = [(squares[0] + squares[1]).reduce_sum(), (weights[0] + weights[1]).reduce_sum()];
+        if self.weight.is_none() {
+            sums[1] = whole as f64;
         }
+        for u in whole..self.own.len() {
+            let difference = match self.light {
+                None => (self.own[u] - self.desired[u]).to_f64(),
+                Some([gain, gain_u, offset, offset_u]) => {
+                    let right = u as f64 * per_pixel - 1.0;
+                    self.own[u].to_f64()
+                        - (gain + gain_u * right) * self.desired[u].to_f64()
+                        - offset
+                        - offset_u * right
+                }
+            };
+            let weight = self.weight.map_or(1.0, |weight| weight[u].to_f64());
+            sums[0] += weight * difference * difference;
+            sums[1] += weight;
+        }
+        sums
     }
-    let rest: f64 = image_rest.iter().zip(desired_rest).map(|(a, b)| square(*a, *b)).sum();
-    let count = (STRANDS * image.len() + image_rest.len()) as f64;
-    (strands.iter().sum::<f64>() + rest) / count
 }
 
 #[cfg(test)]
@@ -94,8 +116,8 @@ mod tests {
             let [g, o, gu, gv, ou, ov] = light;
             (1.0 + g + gu * x + gv * y) * desired.at(u, v) + o + ou * x + ov * y
         });
-        assert!(pixel_mse(&lit, &desired, None, Some(light)) < 1e-30, "rounding, squared");
-        assert!(pixel_mse(&lit, &desired, None, None) > 1e-2);
+        assert!(pixel_mse(Path::best(), &lit, &desired, None, Some(light)) < 1e-30, "rounding, squared");
+        assert!(pixel_mse(Path::best(), &lit, &desired, None, None) > 1e-2);
     }
 
     #[test]
@@ -107,10 +129,10 @@ mod tests {
             [squares + w * (a - b) * (a - b), weights + w]
         });
         assert!(
-            (pixel_mse(&image, &desired, Some(&weight), None) - sums[0] / sums[1]).abs() < 1e-15,
+            (pixel_mse(Path::best(), &image, &desired, Some(&weight), None) - sums[0] / sums[1]).abs() < 1e-15,
             "357 terms near 0.1"
         );
-        let even = pixel_mse(&image, &desired, Some(&Plane::filled(21, 17, 0.25)), None);
-        assert!((even - pixel_mse(&image, &desired, None, None)).abs() < 1e-15);
+        let even = pixel_mse(Path::best(), &image, &desired, Some(&Plane::filled(21, 17, 0.25)), None);
+        assert!((even - pixel_mse(Path::best(), &image, &desired, None, None)).abs() < 1e-15);
     }
 }

@@ -5,13 +5,13 @@
 //! A row's planes stay in the nearest cache; only [`pair_planes`], which is for judges and pictures, makes them in full.
 
 use crate::camera::Intrinsics;
+use crate::chunks::{Chunks, LANES, padded_row};
 use crate::depth::Depth;
 use crate::features::Sights;
 use crate::gram::{COLUMNS, ERROR};
 use crate::image::Plane;
 use crate::interaction::gradient_row;
 use crate::light::light_row;
-use crate::chunks::{Chunks, LANES, padded_row};
 use crate::sample::Sample;
 use crate::servo::View;
 
@@ -149,7 +149,7 @@ fn turns<T: Sample>(x: &[T], y: T, [g_u, g_v]: [&[T]; 2], [wx, wy, wz]: [&mut [T
 
 fn multiply<T: Sample>(plane: &mut [T], weight: &[T]) {
     for (sample, weight) in plane.iter_mut().zip(weight) {
-        *sample = *sample * *weight;
+        *sample *= *weight;
     }
 }
 

@@ -3,9 +3,9 @@
 //! A plane's stretch of one image row is in the nearest cache. Planes are taken three or four at a time, so that every product has strands
 //! of its own that the compiler may keep in registers; the strands of a row are added in `f64`.
 
+use crate::chunks::{LANES, add_lanes, tile};
 use crate::gram::{COLUMNS, Gram};
 use crate::planes::{PLAIN, gram_column};
-use crate::chunks::{LANES, add_lanes, tile};
 use crate::sample::Sample;
 
 /// Adds the products of the planes' stretches to `gram`: 7 planes or, with light, 13, of one length.

@@ -93,7 +93,7 @@ mod tests {
         for length in [1, 15, 16, 97, 640] {
             let mut row = Row::<f32>::zeros(length);
             assert_eq!(row.padded().as_ptr().align_offset(ALIGNMENT), 0);
-            assert!(row.padded().len() >= length && row.padded_mut().len() % PADDING == 0);
+            assert!(row.padded().len() >= length && row.padded_mut().len().is_multiple_of(PADDING));
         }
     }
 

@@ -5,7 +5,7 @@
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
-use fearless_simd::{Simd, SimdFloat, SimdFloatElement};
+use fearless_simd::{Simd, SimdFloat, SimdFloatElement, SimdWiden};
 
 /// A pixel's number type: `f32` or `f64`.
 pub trait Sample:
@@ -35,6 +35,12 @@ pub trait Sample:
     /// The step from 1 to the next number.
     const EPSILON: Self;
 
+    /// How many vectors of `f64` a vector of samples becomes.
+    const WIDE: usize;
+
+    /// A vector of samples as `f64`, exactly: the first [`Sample::WIDE`] of the two.
+    fn widened<S: Simd>(simd: S, samples: Self::Vector<S>) -> [S::f64s; 2];
+
     /// The nearest sample to `value`.
     fn from_f64(value: f64) -> Self;
 
@@ -48,6 +54,13 @@ impl Sample for f32 {
     const ZERO: f32 = 0.0;
     const INFINITY: f32 = f32::INFINITY;
     const EPSILON: f32 = f32::EPSILON;
+    const WIDE: usize = 2;
+
+    #[inline(always)]
+    fn widened<S: Simd>(_: S, samples: S::f32s) -> [S::f64s; 2] {
+        let (low, high) = samples.widen();
+        [low, high]
+    }
 
     fn from_f64(value: f64) -> f32 {
         value as f32
@@ -64,6 +77,12 @@ impl Sample for f64 {
     const ZERO: f64 = 0.0;
     const INFINITY: f64 = f64::INFINITY;
     const EPSILON: f64 = f64::EPSILON;
+    const WIDE: usize = 1;
+
+    #[inline(always)]
+    fn widened<S: Simd>(_: S, samples: S::f64s) -> [S::f64s; 2] {
+        [samples; 2]
+    }
 
     fn from_f64(value: f64) -> f64 {
         value

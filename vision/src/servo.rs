@@ -1,6 +1,6 @@
 //! The law on two views: `step` reads top to bottom as the paper's data way.
 //!
-//! No clock, no thread, no randomness: the same law, desired view and images give the same twists, bit for bit, on one machine type.
+//! No clock, no thread, no randomness: the same law, desired view and images, from the first on, give the same twists, bit for bit, on one machine type.
 
 mod error;
 
@@ -40,6 +40,7 @@ pub struct View<'a, T> {
 #[derive(Debug)]
 pub struct Servo<T> {
     law: Law,
+    path: Path,
     desired_image: Plane<T>,
     desired_depth: Depth<T>,
     desired_brightness: Brightness,
@@ -106,7 +107,7 @@ impl<T: Sample> Servo<T> {
             return Err(ServoError::OrderTooHigh { highest, got, size });
         }
         check_view(desired, size, &law)?;
-        finite(pixel_mse(desired.image, desired.image, None, None))?;
+        finite(pixel_mse(Path::best(), desired.image, desired.image, None, None))?;
         let mut weights = Weights::new(size, law.holes);
         weights.update([desired.depth; 2])?;
         let mut brightness = Brightness::of(desired.image);
@@ -120,6 +121,7 @@ impl<T: Sample> Servo<T> {
         };
         Ok(Servo {
             law,
+            path: Path::best(),
             desired_image: desired.image.clone(),
             desired_depth: desired.depth.clone(),
             current_brightness: brightness.clone(),
@@ -254,6 +256,7 @@ impl<T: Sample> Servo<T> {
 
     /// Uses these instructions from the next step on, in place of the widest this machine has.
     pub fn set_path(&mut self, path: Path) {
+        self.path = path;
         self.features.set_path(path);
     }
 
@@ -290,7 +293,7 @@ impl<T: Sample> Servo<T> {
 
     fn choose_rows(&mut self, current: &Plane<T>) -> Result<Option<Chosen>, NoBrightness> {
         if family::follows_images(&self.law) {
-            self.current_brightness.set(current, self.weights.plane());
+            self.current_brightness.set_on(self.path, current, self.weights.plane());
         }
         family::choose(&self.law, &self.current_brightness, &self.desired_brightness)
     }
@@ -314,7 +317,7 @@ impl<T: Sample> Servo<T> {
     }
 
     fn pixel_mse(&self, image: &Plane<T>, light: Option<[f64; 6]>) -> Result<f64, ServoError> {
-        finite(pixel_mse(image, &self.desired_image, self.weights.plane(), light))
+        finite(pixel_mse(self.path, image, &self.desired_image, self.weights.plane(), light))
     }
 
     /// What the order rule sees of the pixel error: without the images' noise, if the law says so (deviation D16).

@@ -42,10 +42,13 @@ impl<'a, T: Sample> Views<'a, T> {
 
     /// `ζ`, if it is one number for every pixel of all views.
     fn constant_per_m(&self) -> Option<f64> {
-        let constant = |depth: &Depth<T>| if let Depth::Constant { depth_m } = depth { Some(1.0 / depth_m) } else { None };
+        let constant =
+            |depth: &Depth<T>| if let Depth::Constant { depth_m } = depth { Some(1.0 / depth_m) } else { None };
         match self {
             Views::Desired((_, depth)) | Views::Current((_, depth), _) => constant(depth),
-            Views::Both([(_, current), (_, desired)]) => constant(current).filter(|zeta| Some(*zeta) == constant(desired)),
+            Views::Both([(_, current), (_, desired)]) => {
+                constant(current).filter(|zeta| Some(*zeta) == constant(desired))
+            }
         }
     }
 
@@ -173,7 +176,13 @@ impl<T: Sample> Sweep<T> {
             self.carriers.project(simd, planes, plan.degrees, order, &mut self.moments.carried);
             self.moments.raise(&self.carriers, plan, order);
             let columns = &mut self.columns[v % BLOCK * length..][..length];
-            self.moments.fill_columns(simd, (&self.camera, self.carriers.stride()), plan, self.camera.y(v as f64), columns);
+            self.moments.fill_columns(
+                simd,
+                (&self.camera, self.carriers.stride()),
+                plan,
+                self.camera.y(v as f64),
+                columns,
+            );
             if v % BLOCK == BLOCK - 1 || v == height - 1 {
                 let rows = v - v % BLOCK..v + 1;
                 table.add_rows(simd, &self.columns, rows, basis_v);

@@ -1,6 +1,10 @@
 //! Where an image's brightness lies, Eq. (14)–(16), (23), (24): what an adaptive window follows. The rules are each family's own.
 
+use fearless_simd::{Simd, SimdBase, dispatch};
+
 use crate::image::Plane;
+use crate::path::Path;
+use crate::row::load;
 use crate::sample::Sample;
 
 /// The parameters a step used.
@@ -53,19 +57,44 @@ impl Brightness {
 
     /// The sums of another image of the same size, in place; of its pixels times their weights, if there are any.
     pub fn set<T: Sample>(&mut self, image: &Plane<T>, weight: Option<&Plane<T>>) {
+        self.set_on(Path::best(), image, weight);
+    }
+
+    /// [`Brightness::set`] with these instructions.
+    pub(crate) fn set_on<T: Sample>(&mut self, path: Path, image: &Plane<T>, weight: Option<&Plane<T>>) {
         debug_assert_eq!(image.size(), [self.along_u.len(), self.along_v.len()]);
         self.along_u.fill(0.0);
-        for (v, sum) in self.along_v.iter_mut().enumerate() {
-            let row = image.row(v);
-            *sum = match weight.map(|weight| weight.row(v)) {
-                None => add_row(&mut self.along_u, row.iter().map(|sample| sample.to_f64())),
-                Some(weight) => {
-                    let weighted = row.iter().zip(weight).map(|(sample, weight)| (*sample * *weight).to_f64());
-                    add_row(&mut self.along_u, weighted)
-                }
-            };
-        }
+        dispatch!(path.level(), simd => self.add_rows(simd, image, weight));
         self.total = self.along_v.iter().sum();
+    }
+
+    /// Sums are `f64`: those of an image of 8-bit samples are exact, whatever their order.
+    #[inline(always)]
+    fn add_rows<S: Simd, T: Sample>(&mut self, simd: S, image: &Plane<T>, weight: Option<&Plane<T>>) {
+        let (lanes, wide) = (T::Vector::<S>::LEN, S::f64s::LEN);
+        let whole = image.width() - image.width() % lanes;
+        for (v, along_v) in self.along_v.iter_mut().enumerate() {
+            let (row, weights) = (image.row(v), weight.map(|weight| weight.row(v)));
+            let mut sums = [S::f64s::splat(simd, 0.0); 2];
+            for at in (0..whole).step_by(lanes) {
+                let mut samples = load(simd, row, at);
+                if let Some(weights) = weights {
+                    samples *= load(simd, weights, at);
+                }
+                let parts = T::widened(simd, samples);
+                for k in 0..T::WIDE {
+                    let columns = &mut self.along_u[at + k * wide..][..wide];
+                    (S::f64s::from_slice(simd, columns) + parts[k]).store_slice(columns);
+                    sums[k] += parts[k];
+                }
+            }
+            *along_v = (sums[0] + sums[1]).reduce_sum();
+            for u in whole..row.len() {
+                let sample = weights.map_or(row[u], |weights| row[u] * weights[u]).to_f64();
+                self.along_u[u] += sample;
+                *along_v += sample;
+            }
+        }
     }
 
     /// `[u_c, v_c]` in pixels.
@@ -104,16 +133,6 @@ impl Brightness {
         }
         sums.len() - 1
     }
-}
-
-/// Adds a row to the columns' sums, and returns its own.
-fn add_row(along_u: &mut [f64], row: impl Iterator<Item = f64>) -> f64 {
-    let mut sum = 0.0;
-    for (column, sample) in along_u.iter_mut().zip(row) {
-        *column += sample;
-        sum += sample;
-    }
-    sum
 }
 
 /// `[ū_c, v̄_c]`, Eq. (16).

@@ -42,7 +42,11 @@ fn bases_and_the_desired_half_are_made_once_while_the_parameters_stay() {
         }
         let work = servo.work();
         let sweeps = (work.joint_sweeps, work.desired_sweeps, work.current_sweeps);
-        assert_eq!((work.bases, sweeps), (2, (1, 1, 9)), "{width}x{height}: both at once, then the desired half, then it is there");
+        assert_eq!(
+            (work.bases, sweeps),
+            (2, (1, 1, 9)),
+            "{width}x{height}: both at once, then the desired half, then it is there"
+        );
     }
 }
 
