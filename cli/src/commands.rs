@@ -1,5 +1,6 @@
 //! One file per subcommand: its arguments (`…Args`) and `run`, which returns the exit code.
 
+pub mod bench;
 pub mod demo;
 pub mod experiment;
 pub mod serve;

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{ArgAction, CommandFactory, FromArgMatches, Parser, Subcommand};
-use domvs::commands::{demo, experiment, serve, sim, stop, task, twist};
+use domvs::commands::{bench, demo, experiment, serve, sim, stop, task, twist};
 use domvs::exit;
 use domvs::explain::explained;
 use domvs::paint::{ColorWhen, Paint};
@@ -27,6 +27,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Bench(bench::BenchArgs),
     Demo(demo::DemoArgs),
     Experiment(experiment::ExperimentArgs),
     Serve(serve::ServeArgs),
@@ -44,6 +45,7 @@ fn main() -> ExitCode {
     start_log(cli.verbose, paint_errors);
 
     let result = match cli.command {
+        Command::Bench(args) => bench::run(&args, paint, paint_errors),
         Command::Demo(args) => demo::run(&args, paint, paint_errors),
         Command::Experiment(args) => experiment::run(&args, paint, paint_errors),
         Command::Serve(args) => serve::run(&args, paint),

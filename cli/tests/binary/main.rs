@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something that must hold does not")]
 
+mod bench;
 mod demo;
 mod experiment;
 mod network;

@@ -117,7 +117,7 @@ pub fn run(args: &LandscapeArgs, paint: Paint, paint_errors: Paint) -> anyhow::R
     let grid = Grid { reach_m: args.reach, steps: usize::from(args.steps) };
     let plans = plans(args, experiment)?;
     let worlds = Worlds::default();
-    let bar = progress::bar(plans.len(), 0, paint_errors);
+    let bar = progress::bar("maps", plans.len(), 0, paint_errors);
     let mut found: Vec<Option<Landscape>> = vec![None; plans.len()];
     let interrupted = pool::interruption()?;
     let work = |(): &mut (), plan: &RunPlan| landscape(plan, &worlds, grid).with_context(|| plan.cell.method.clone());

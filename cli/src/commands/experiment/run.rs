@@ -51,7 +51,7 @@ pub fn run(args: &RunArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<
     let out = common.out(&experiment.name);
     let interrupted = pool::interruption()?;
     let worlds = Worlds::default();
-    let bar = progress::bar(plans.len(), 0, paint_errors);
+    let bar = progress::bar("runs", plans.len(), 0, paint_errors);
     let folders = shown::folder_names(&plans);
     let jobs: Vec<(&RunPlan, &String)> = plans.iter().zip(&folders).collect();
     let work = |service: &mut Box<dyn Service>, (plan, folder): &(&RunPlan, &String)| {

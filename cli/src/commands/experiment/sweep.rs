@@ -94,7 +94,7 @@ fn run_missing(
     paint: Paint,
 ) -> anyhow::Result<()> {
     let missing: Vec<RunPlan> = plans.iter().filter(|plan| store.get(&plan.key()).is_none()).cloned().collect();
-    let bar = progress::bar(plans.len(), plans.len() - missing.len(), paint);
+    let bar = progress::bar("runs", plans.len(), plans.len() - missing.len(), paint);
     let worlds = Worlds::default();
     let services = common.services()?;
     let work = |service: &mut Box<dyn Service>, plan: &RunPlan| {
