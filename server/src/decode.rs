@@ -11,20 +11,25 @@
 //! Odd sizes of YUYV and NV12 are refused, as the header's rules say. A cut-off JPEG is refused as well: decoders would fill
 //! the missing part with gray, and the camera would be moved by it.
 //!
-//! A [`Decoder`] keeps its planes: raw frames of one size allocate nothing after the first. PNG and JPEG decoders
+//! Rows are read where they lie in the packets that came, and nothing is looked at twice: what the image is judged by is found
+//! on the way. A [`Decoder`] keeps its plane: raw frames of one size allocate nothing after the first. PNG and JPEG decoders
 //! allocate their own working memory for each frame.
 
 mod compressed;
+mod depth;
 mod gray;
 mod preprocess;
 #[cfg(test)]
 mod tests;
 
-use domvs_proto::frame::{self, DepthFormat, FrameError, FrameHeader, FrameLayout, PixelFormat};
+use domvs_proto::frame::{self, FrameError, FrameHeader, PixelFormat};
 use domvs_vision::Plane;
 
 use self::compressed::Codec;
+pub use self::depth::DepthRows;
+use self::gray::{Found, Rows};
 pub use self::preprocess::{invert, weights};
+use crate::payload::Payload;
 
 /// What one frame may cost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,13 +40,15 @@ pub struct DecodeLimits {
     pub max_bytes: usize,
 }
 
-/// A decoded frame; its planes live in the [`Decoder`] until the next frame.
+/// A decoded frame; its image lives in the [`Decoder`] until the next frame.
 #[derive(Debug)]
 pub struct Decoded<'a> {
     /// Gray in [0, 1], every sample finite.
     pub image: &'a mut Plane<f32>,
-    /// Depth in metres, of the image's size; 0, negative and not finite mean unknown, as in the frame.
-    pub depth: Option<&'a Plane<f32>>,
+    /// Standard deviation of the gray values.
+    pub contrast: f64,
+    /// The depth plane, of the image's size.
+    pub depth: Option<DepthRows<'a>>,
     /// How many pixels were not finite (`mono32f` only) and are now 0.
     pub replaced_pixels: usize,
 }
@@ -103,13 +110,14 @@ pub enum DecodeError {
     },
 }
 
-/// Decodes the frames of one task, into the same planes again and again.
+/// Decodes the frames of one task, into the same plane again and again.
 #[derive(Debug, Default)]
 pub struct Decoder {
     image: Option<Plane<f32>>,
-    depth: Option<Plane<f32>>,
     /// What the PNG or JPEG decoder wrote.
     samples: Vec<u8>,
+    /// A row, or a PNG or JPEG, that several packets shared.
+    seam: Vec<u8>,
 }
 
 impl Decoder {
@@ -122,13 +130,13 @@ impl Decoder {
     /// (parameters behind `;` are ignored), looked at only when the header names no pixel format.
     ///
     /// After an error the decoder is as good as new: the next frame does not depend on this one.
-    pub fn decode(
-        &mut self,
+    pub fn decode<'a>(
+        &'a mut self,
         header: Option<&FrameHeader>,
         encoding: &str,
-        payload: &[u8],
+        payload: Payload<'a>,
         limits: DecodeLimits,
-    ) -> Result<Decoded<'_>, DecodeError> {
+    ) -> Result<Decoded<'a>, DecodeError> {
         if payload.len() > limits.max_bytes {
             return Err(DecodeError::TooManyBytes { limit: limits.max_bytes, got: payload.len() });
         }
@@ -136,25 +144,33 @@ impl Decoder {
         let header = header.unwrap_or(&bare);
         let layout = header.layout(payload.len())?;
         check_pixels(header.width, header.height, limits)?;
-        let pixels = &payload[layout.pixels.clone()];
 
-        let image = match header.pixel_format {
+        let Decoder { image, samples, seam } = self;
+        let (image, Found { sums, replaced }) = match header.pixel_format {
             PixelFormat::ByEncoding => {
                 let codec = Codec::named(encoding)?;
-                let picture = compressed::read(codec, pixels, header, limits, &mut self.samples)?;
-                let image = plane_of(&mut self.image, picture.width, picture.height);
-                gray::from_samples(picture.color, &self.samples, image);
-                image
+                let bytes = payload.reader().take(layout.pixels.len(), seam);
+                let picture = compressed::read(codec, bytes, header, limits, samples)?;
+                let image = plane_of(image, picture.width, picture.height);
+                let row_bytes = image.width() * usize::from(picture.color.bytes_per_pixel());
+                let rows = Rows { reader: Payload::from(&*samples).reader(), row_bytes, seam };
+                let found = gray::from_samples(picture.color, rows, image);
+                (image, found)
             }
             raw => {
-                let image = plane_of(&mut self.image, header.width, header.height);
-                gray::from_raw(raw, pixels, layout.row_bytes, image);
-                image
+                let image = plane_of(image, header.width, header.height);
+                seam.reserve(layout.row_bytes);
+                let rows = Rows { reader: payload.reader(), row_bytes: layout.row_bytes, seam };
+                let found = gray::from_raw(raw, rows, image);
+                (image, found)
             }
         };
-        let replaced_pixels = replace_not_finite(image)?;
-        let depth = read_depth(header, &layout, payload, &mut self.depth);
-        Ok(Decoded { image, depth, replaced_pixels })
+        let pixels = image.samples().len();
+        if 2 * replaced > pixels {
+            return Err(DecodeError::NotFinite { pixels, finite: pixels - replaced });
+        }
+        let depth = layout.depth.map(|depth| DepthRows::new(header, payload, depth.start, seam));
+        Ok(Decoded { image, contrast: sums.contrast(), depth, replaced_pixels: replaced })
     }
 }
 
@@ -173,39 +189,6 @@ fn plane_of(plane: &mut Option<Plane<f32>>, width: u32, height: u32) -> &mut Pla
         *plane = None;
     }
     plane.get_or_insert_with(|| Plane::filled(width, height, 0.0))
-}
-
-/// Pixels that are not finite become 0 (black, as outside the image) as long as they are not more than half.
-fn replace_not_finite(image: &mut Plane<f32>) -> Result<usize, DecodeError> {
-    let samples = image.samples_mut();
-    let finite = samples.iter().filter(|sample| sample.is_finite()).count();
-    let (pixels, replaced) = (samples.len(), samples.len() - finite);
-    if 2 * replaced > pixels {
-        return Err(DecodeError::NotFinite { pixels, finite });
-    }
-    if replaced > 0 {
-        samples.iter_mut().filter(|sample| !sample.is_finite()).for_each(|sample| *sample = 0.0);
-    }
-    Ok(replaced)
-}
-
-/// `depth = count · depth_unit_m`; what the sender marked as unknown stays so.
-fn read_depth<'a>(
-    header: &FrameHeader,
-    layout: &FrameLayout,
-    payload: &[u8],
-    plane: &'a mut Option<Plane<f32>>,
-) -> Option<&'a Plane<f32>> {
-    let bytes = &payload[layout.depth.clone()?];
-    let plane = plane_of(plane, header.width, header.height);
-    let unit_m = header.depth_unit_m;
-    let tight = header.width as usize * header.depth_format.bytes_per_pixel() as usize;
-    match header.depth_format {
-        DepthFormat::None => return None,
-        DepthFormat::U16 => gray::fill(plane, bytes, tight, |count| f32::from(u16::from_le_bytes(*count)) * unit_m),
-        DepthFormat::F32 => gray::fill(plane, bytes, tight, |count| f32::from_le_bytes(*count) * unit_m),
-    }
-    Some(plane)
 }
 
 /// The media type without parameters.

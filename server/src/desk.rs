@@ -16,7 +16,8 @@ use domvs_proto::keys::TaskKey;
 use domvs_proto::messages::{ErrorCode, ErrorReply};
 use domvs_proto::settings::Lease;
 use domvs_proto::status::Status;
-use zenoh::bytes::ZBytes;
+use zenoh::bytes::{Encoding, ZBytes};
+use zenoh::key_expr::KeyExpr;
 use zenoh::query::Query;
 
 use crate::Moment;
@@ -58,7 +59,7 @@ pub(crate) struct TwistRequest {
 /// A frame that a camera has published.
 pub(crate) struct PushedFrame {
     pub(crate) attachment: Option<ZBytes>,
-    pub(crate) encoding: String,
+    pub(crate) encoding: Encoding,
     pub(crate) payload: ZBytes,
     pub(crate) received: Moment,
 }
@@ -75,6 +76,8 @@ pub(crate) struct LeaseWatch {
 /// One task with everything that waits for it.
 pub(crate) struct Desk {
     pub(crate) key: TaskKey,
+    /// Of `twist`, made once: it goes with every reply.
+    pub(crate) twist_key: KeyExpr<'static>,
     pub(crate) epoch: u32,
     pub(crate) secret: Secret,
     pub(crate) born: Moment,

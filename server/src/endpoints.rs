@@ -150,17 +150,16 @@ fn request_twist(desk: &Arc<Desk>, query: Query) {
 fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
     let shared: &Shared = &desk.shared;
     let received = shared.now();
-    let mut board = lock(&desk.board);
-    board.frame_arrived(received);
     let frame = PushedFrame {
         attachment: sample.attachment().cloned(),
-        encoding: sample.encoding().to_string(),
+        encoding: sample.encoding().clone(),
         payload: sample.payload().clone(),
         received,
     };
-    if desk.mailbox.put_frame(frame).is_some() {
-        board.dropped().superseded += 1;
-    }
+    let passed_over = desk.mailbox.put_frame(frame).is_some();
+    let mut board = lock(&desk.board);
+    board.frame_arrived(received);
+    board.dropped().superseded += u64::from(passed_over);
     drop(board);
     shared.pool.schedule(desk);
 }

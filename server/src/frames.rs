@@ -4,7 +4,8 @@ use std::borrow::Cow;
 use std::time::Duration;
 
 use domvs_proto::body;
-use domvs_proto::frame::{FrameError, FrameHeader, PixelFormat};
+use domvs_proto::frame::{FrameHeader, PixelFormat};
+use domvs_proto::keys::Leaf;
 use domvs_proto::status::Status;
 use domvs_proto::twist::{TWIST_ENCODING, TwistMessage};
 use domvs_vision::Twist;
@@ -12,9 +13,10 @@ use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
-use crate::answers::{contiguous, log_failure, reply_error};
+use crate::answers::{log_failure, reply_error};
 use crate::desk::{Desk, PushedFrame, TwistRequest, lock};
 use crate::outlet::refused;
+use crate::payload::{Payload, header_of};
 use crate::pipeline::{is_past_deadline, on_frame};
 use crate::task::{Frame, Route, Task};
 
@@ -42,12 +44,12 @@ impl Desk {
         if let Err(error) = self.check_owner(header.secret.as_ref()) {
             return reply_error(query, &error);
         }
-        let payload = contiguous(query.payload());
-        let encoding = query.encoding().map(ToString::to_string).unwrap_or_default();
+        let payload = query.payload().map_or(Payload::Whole(&[]), Payload::from);
+        let encoding: Cow<'static, str> = query.encoding().map(Cow::from).unwrap_or_default();
         let frame = Frame {
             header: &header,
             encoding: &encoding,
-            payload: &payload,
+            payload,
             received: request.received,
             route: Route::Requested,
         };
@@ -57,7 +59,7 @@ impl Desk {
             lock(&self.task).told(Twist::from_array(answer.twist));
         }
         self.reply_twist(query, answer);
-        self.record(&frame, query.payload(), &self.shared.keys.twist(&self.key), &answer);
+        self.record(&frame, query.payload(), Leaf::Twist, &answer);
     }
 
     /// Looks once more before motion is answered: the computation took time, and the world went on.
@@ -75,20 +77,22 @@ impl Desk {
     }
 
     pub(crate) fn follow_frame(&self, pushed: &PushedFrame) {
-        let attachment = pushed.attachment.as_ref().map(ZBytes::to_bytes);
         let header = self
             .check_bytes(Some(&pushed.payload))
-            .and_then(|()| FrameHeader::from_attachment(attachment.as_deref()).map_err(|error| error.to_string()))
+            .and_then(|()| header_of(pushed.attachment.as_ref()).map_err(|error| error.to_string()))
             .and_then(|header| self.check_pushed_secret(header));
-        let payload = if header.is_ok() { pushed.payload.to_bytes() } else { Cow::Borrowed(&[][..]) };
+        let (header, refusal) = header.map_or_else(|error| (unreadable_header(), Some(error)), |header| (header, None));
+        let frame = Frame {
+            header: &header,
+            encoding: &Cow::from(&pushed.encoding),
+            payload: Payload::from(&pushed.payload),
+            received: pushed.received,
+            route: Route::Pushed,
+        };
         let mut task = lock(&self.task);
-        let (header, answer) = match header {
-            Ok(header) => {
-                let frame = self.frame(pushed, &header, &payload);
-                let answer = self.compute(&mut task, &frame);
-                (header, answer)
-            }
-            Err(error) => (unreadable_header(), self.refuse_frame(&task, Status::BadFrame, &error)),
+        let answer = match &refusal {
+            None => self.compute(&mut task, &frame),
+            Some(error) => self.refuse_frame(&task, Status::BadFrame, error),
         };
         let sent = lock(&self.outlet).send(answer, pushed.received, self.shared.now());
         task.commanded(Twist::from_array(sent.twist));
@@ -99,8 +103,7 @@ impl Desk {
         if sent.status != answer.status {
             lock(&self.board).overruled(&sent);
         }
-        let frame = self.frame(pushed, &header, &payload);
-        self.record(&frame, Some(&pushed.payload), &self.shared.keys.command(&self.key), &sent);
+        self.record(&frame, Some(&pushed.payload), Leaf::Command, &sent);
     }
 
     /// A pushed frame needs no secret, but one that names another's is meant for another task.
@@ -109,10 +112,6 @@ impl Desk {
             Some(secret) if *secret != self.secret => Err("the frame carries another task's secret".to_owned()),
             _ => Ok(header),
         }
-    }
-
-    fn frame<'a>(&self, pushed: &'a PushedFrame, header: &'a FrameHeader, payload: &'a [u8]) -> Frame<'a> {
-        Frame { header, encoding: &pushed.encoding, payload, received: pushed.received, route: Route::Pushed }
     }
 
     /// Zeros for a frame that never gets to the pipeline. A task that stands says why it stands.
@@ -140,7 +139,7 @@ impl Desk {
         answer
     }
 
-    fn record(&self, frame: &Frame<'_>, payload: Option<&ZBytes>, key: &str, answer: &TwistMessage) {
+    fn record(&self, frame: &Frame<'_>, payload: Option<&ZBytes>, leaf: Leaf, answer: &TwistMessage) {
         let Some(recorder) = &self.shared.recorder else { return };
         let (received, now) = (self.shared.wall_ns(frame.received), self.shared.wall_ns(self.shared.now()));
         let frame_key = self.shared.keys.frame(&self.key);
@@ -151,12 +150,12 @@ impl Desk {
             frame.encoding,
             payload.cloned().unwrap_or_default(),
         );
-        recorder.twist(key, now, answer.encode());
+        recorder.twist(&self.shared.keys.task(&self.key, leaf), now, answer.encode());
     }
 
     fn reply_twist(&self, query: &Query, mut answer: TwistMessage) {
         answer.epoch = self.epoch;
-        let key = self.shared.keys.twist(&self.key);
+        let key = self.twist_key.clone();
         let as_json = query.parameters().get("format") == Some("json");
         log_failure(if as_json {
             query.reply(key, answer.to_json()).encoding(body::JSON).wait()
@@ -164,10 +163,6 @@ impl Desk {
             query.reply(key, answer.encode()).encoding(TWIST_ENCODING).wait()
         });
     }
-}
-
-pub(crate) fn header_of(attachment: Option<&ZBytes>) -> Result<FrameHeader, FrameError> {
-    FrameHeader::from_attachment(attachment.map(ZBytes::to_bytes).as_deref())
 }
 
 /// Stands in an answer or a recording for a header that could not be read.

@@ -19,6 +19,8 @@ mod pool;
 
 mod age;
 
+pub mod payload;
+
 pub mod decode;
 
 pub mod law;

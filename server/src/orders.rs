@@ -12,10 +12,10 @@ use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
 use crate::Moment;
-use crate::answers::{contiguous, log_failure, read_json, reply_error, reply_json};
+use crate::answers::{log_failure, read_json, reply_error, reply_json};
 use crate::desk::{Desk, Order, lock};
-use crate::frames::header_of;
 use crate::law::acceleration_limits;
+use crate::payload::{Payload, header_of};
 use crate::task::{Frame, Route, SentTarget, Task};
 
 impl Desk {
@@ -113,10 +113,9 @@ impl Desk {
         })?;
         self.check_owner(header.secret.as_ref())?;
         self.check_bytes(query.payload()).map_err(|error| ErrorReply::new(ErrorCode::TooLarge, error))?;
-        let payload = contiguous(query.payload());
+        let payload = query.payload().map_or(Payload::Whole(&[]), Payload::from);
         let encoding = query.encoding().map(ToString::to_string).unwrap_or_default();
-        let frame =
-            Frame { header: &header, encoding: &encoding, payload: &payload, received, route: Route::Requested };
+        let frame = Frame { header: &header, encoding: &encoding, payload, received, route: Route::Requested };
         let mut task = lock(&self.task);
         let status = task.set_target(&frame)?;
         if let Some(recorder) = &self.shared.recorder {

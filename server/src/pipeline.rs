@@ -11,11 +11,11 @@ use domvs_vision::{Depth, DepthMap, HoleFill, Plane, ServoError, Step, Twist, Vi
 
 use crate::Moment;
 use crate::age::Age;
-use crate::decode::invert;
+use crate::decode::{DepthRows, invert};
 use crate::governor::limit_speed;
 use crate::law::gain;
 use crate::life::Progress;
-use crate::screen::{FLAT_BELOW, contrast};
+use crate::screen::FLAT_BELOW;
 use crate::task::{Estimates, Frame, Route, Task, Told};
 
 /// Why a frame moves nothing: the status, and the numbers behind it.
@@ -79,17 +79,18 @@ fn compute(task: &mut Task, frame: &Frame<'_>, now: Moment, answer: &mut TwistMe
     if task.settings.preprocess.invert {
         invert(decoded.image);
     }
-    let (image, depth_plane) = (&*decoded.image, decoded.depth);
     let target = task.target.as_mut().ok_or(Status::WaitingTarget)?;
-    check_size(image, &task.settings)?;
-    check_texture(image)?;
+    check_size(decoded.image, &task.settings)?;
+    check_texture(decoded.contrast)?;
+    let mut image = &*decoded.image;
     if frame.route == Route::Pushed {
         let focal_px = task.settings.camera.fx.max(task.settings.camera.fy);
-        if task.freeze.is_frozen(image, frame.received, focal_px, target.typical_depth_m) {
+        if task.freeze.is_frozen(decoded.image, frame.received, focal_px, target.typical_depth_m) {
             return Err(Status::FrozenFrame.into());
         }
+        image = task.freeze.newest().unwrap_or(decoded.image);
     }
-    let current_filled = update_depth(&mut target.depth, &task.settings, depth_plane)?;
+    let current_filled = update_depth(&mut target.depth, &task.settings, decoded.depth)?;
 
     // Checked settings cannot make a gain that the law refuses.
     target
@@ -165,8 +166,7 @@ fn check_size(image: &Plane<f32>, settings: &TaskSettings) -> Result<(), Refusal
     Err(Refusal::because(Status::BadFrame, detail))
 }
 
-fn check_texture(image: &Plane<f32>) -> Result<(), Refusal> {
-    let contrast = contrast(image);
+fn check_texture(contrast: f64) -> Result<(), Refusal> {
     if contrast >= FLAT_BELOW {
         return Ok(());
     }
@@ -175,7 +175,11 @@ fn check_texture(image: &Plane<f32>) -> Result<(), Refusal> {
 }
 
 /// Brings the current view's depth up to date; says whether any of it was filled in.
-fn update_depth(depth: &mut Depth<f32>, settings: &TaskSettings, plane: Option<&Plane<f32>>) -> Result<bool, Refusal> {
+fn update_depth(
+    depth: &mut Depth<f32>,
+    settings: &TaskSettings,
+    plane: Option<DepthRows<'_>>,
+) -> Result<bool, Refusal> {
     let settings::Depth::Map { fallback_m, .. } = settings.depth else {
         return Ok(false);
     };
@@ -188,12 +192,14 @@ fn update_depth(depth: &mut Depth<f32>, settings: &TaskSettings, plane: Option<&
     };
     let fill = fallback_m.map_or(HoleFill::Median, HoleFill::Constant);
     let made = match depth {
-        Depth::Map(map) => map.set_metres(plane, fill),
-        Depth::Constant { .. } => DepthMap::from_metres(plane, fill).map(|map| *depth = Depth::Map(map)),
+        Depth::Map(map) => map.set_rows(fill, plane.rows()),
+        Depth::Constant { .. } => {
+            DepthMap::from_rows(plane.size(), fill, plane.rows()).map(|map| *depth = Depth::Map(map))
+        }
     };
     made.map_err(|error| no_depth(error.to_string()))?;
     let Depth::Map(map) = depth else { return Ok(false) };
-    let (unknown, pixels) = (map.unknown(), plane.samples().len());
+    let (unknown, pixels) = (map.unknown(), map.holes().len());
     if fallback_m.is_none() && 2 * unknown > pixels {
         return Err(no_depth(format!("the depth of {unknown} of {pixels} pixels is unknown, more than half")));
     }

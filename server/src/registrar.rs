@@ -187,6 +187,7 @@ fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zeno
     let (epoch, born) = (epoch(&shared.worker), shared.now());
     let first = TwistMessage { epoch, valid_ms: settings.watchdog_ms(), ..TwistMessage::zero(task.status()) };
     Ok(Desk {
+        twist_key: KeyExpr::try_from(shared.keys.twist(&key))?,
         publications: Publications::declare(&shared.session, &shared.keys, &key)?,
         outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?)),
         board: Mutex::new(Board::new(key.clone(), epoch, born)),

@@ -16,24 +16,53 @@ pub const FROZEN_FRAMES: u32 = 5;
 /// The motion commanded meanwhile must have moved the image by more than this before they are called frozen.
 pub const FROZEN_MOTION_PX: f64 = 2.0;
 
+/// Sums over the rows of an image, of which its contrast is made.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct GraySums {
+    count: usize,
+    sum: f64,
+    squares: f64,
+}
+
+impl GraySums {
+    /// Adds a row.
+    pub fn add_row(&mut self, row: &[f32]) {
+        // A row in f32, in sixteen strands that run side by side, and the rows in f64: exact enough for a threshold.
+        let (strands, rest) = row.as_chunks::<16>();
+        let (mut sums, mut squares) = ([0.0f32; 16], [0.0f32; 16]);
+        for strand in strands {
+            for i in 0..16 {
+                sums[i] += strand[i];
+                squares[i] += strand[i] * strand[i];
+            }
+        }
+        for (i, gray) in rest.iter().enumerate() {
+            sums[i] += gray;
+            squares[i] += gray * gray;
+        }
+        self.count += row.len();
+        self.sum += f64::from(sums.iter().sum::<f32>());
+        self.squares += f64::from(squares.iter().sum::<f32>());
+    }
+
+    /// Standard deviation of the gray values.
+    pub fn contrast(&self) -> f64 {
+        let mean = self.sum / self.count as f64;
+        (self.squares / self.count as f64 - mean * mean).max(0.0).sqrt()
+    }
+}
+
 /// Standard deviation of the gray values.
 pub fn contrast(image: &Plane<f32>) -> f64 {
-    let (mut sum, mut squares) = (0.0, 0.0);
-    for row in image.samples().chunks(image.width()) {
-        // A row in f32 and the rows in f64: exact enough for a threshold, and vectorised.
-        let (row_sum, row_squares) = row.iter().fold((0.0f32, 0.0f32), |(s, q), &gray| (s + gray, q + gray * gray));
-        sum += f64::from(row_sum);
-        squares += f64::from(row_squares);
-    }
-    let count = image.samples().len() as f64;
-    let mean = sum / count;
-    (squares / count - mean * mean).max(0.0).sqrt()
+    let mut sums = GraySums::default();
+    image.samples().chunks(image.width()).for_each(|row| sums.add_row(row));
+    sums.contrast()
 }
 
 /// Watches pushed frames for a camera that delivers the same picture while it is being moved.
 #[derive(Clone, Debug, Default)]
 pub struct FreezeDetector {
-    last_plane: Vec<f32>,
+    newest: Option<Plane<f32>>,
     identical: u32,
     motion_px: f64,
     last_twist: Twist,
@@ -41,19 +70,31 @@ pub struct FreezeDetector {
 }
 
 impl FreezeDetector {
-    /// Judges the next frame. `focal_px` and `depth_m` turn the commanded motion into pixels.
-    pub fn is_frozen(&mut self, image: &Plane<f32>, received: Moment, focal_px: f64, depth_m: f64) -> bool {
+    /// Judges the next frame, which [`FreezeDetector::newest`] is from then on: nothing is copied, `image` gets the plane
+    /// of the frame before in exchange. `focal_px` and `depth_m` turn the commanded motion into pixels.
+    pub fn is_frozen(&mut self, image: &mut Plane<f32>, received: Moment, focal_px: f64, depth_m: f64) -> bool {
         let interval = received.saturating_sub(self.last_received);
         self.last_received = received;
-        if self.last_plane != image.samples() {
-            self.last_plane.clear();
-            self.last_plane.extend_from_slice(image.samples());
-            (self.identical, self.motion_px) = (1, 0.0);
-            return false;
+        match &mut self.newest {
+            Some(newest) if newest == image => {
+                self.identical = self.identical.saturating_add(1);
+                self.motion_px += image_motion_px(self.last_twist, interval, focal_px, depth_m);
+                self.identical >= FROZEN_FRAMES && self.motion_px > FROZEN_MOTION_PX
+            }
+            newest => {
+                match newest {
+                    Some(newest) => std::mem::swap(newest, image),
+                    None => *newest = Some(image.clone()),
+                }
+                (self.identical, self.motion_px) = (1, 0.0);
+                false
+            }
         }
-        self.identical = self.identical.saturating_add(1);
-        self.motion_px += image_motion_px(self.last_twist, interval, focal_px, depth_m);
-        self.identical >= FROZEN_FRAMES && self.motion_px > FROZEN_MOTION_PX
+    }
+
+    /// The plane of the frame judged last.
+    pub fn newest(&self) -> Option<&Plane<f32>> {
+        self.newest.as_ref()
     }
 
     /// Notes what was commanded after the last frame.
@@ -76,10 +117,9 @@ mod tests {
     }
 
     fn frozen_after(detector: &mut FreezeDetector, twist: [f64; 6]) -> Vec<bool> {
-        let image = stripes(0);
         (0u64..8)
             .map(|k| {
-                let frozen = detector.is_frozen(&image, Duration::from_millis(66 * (k + 1)), 500.0, 1.0);
+                let frozen = detector.is_frozen(&mut stripes(0), Duration::from_millis(66 * (k + 1)), 500.0, 1.0);
                 detector.commanded(Twist::from_array(twist));
                 frozen
             })
@@ -110,7 +150,7 @@ mod tests {
         let mut detector = FreezeDetector::default();
         detector.commanded(Twist::from_array([1.0; 6]));
         for k in 0..20 {
-            assert!(!detector.is_frozen(&stripes(k), Duration::from_secs(k as u64), 500.0, 1.0));
+            assert!(!detector.is_frozen(&mut stripes(k), Duration::from_secs(k as u64), 500.0, 1.0));
             detector.commanded(Twist::from_array([1.0; 6]));
         }
     }

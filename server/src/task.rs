@@ -8,15 +8,16 @@ use domvs_proto::frame::FrameHeader;
 use domvs_proto::messages::{Control, ErrorCode, ErrorReply, Progress};
 use domvs_proto::settings::{self, TaskSettings};
 use domvs_proto::status::Status;
-use domvs_vision::{Depth, DepthMap, HoleFill, Plane, Servo, Twist, View};
+use domvs_vision::{Depth, DepthMap, HoleFill, Servo, Twist, View};
 use serde_json::Value;
 
 use crate::Moment;
 use crate::age::AgeEstimator;
-use crate::decode::{DecodeLimits, Decoder, invert, weights};
+use crate::decode::{DecodeLimits, Decoder, DepthRows, invert, weights};
 use crate::law::{intrinsics, law};
 use crate::life::Life;
-use crate::screen::{FLAT_BELOW, FreezeDetector, contrast};
+use crate::payload::Payload;
+use crate::screen::{FLAT_BELOW, FreezeDetector};
 
 /// How a frame came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +36,7 @@ pub struct Frame<'a> {
     /// The Encoding of the payload, which names PNG and JPEG.
     pub encoding: &'a str,
     /// The bytes.
-    pub payload: &'a [u8],
+    pub payload: Payload<'a>,
     /// When it arrived, by this worker's monotonic clock.
     pub received: Moment,
     /// How it came.
@@ -222,7 +223,7 @@ impl Task {
         let sent = SentTarget {
             header: FrameHeader { secret: None, deadline_us: 0, ..frame.header.clone() },
             encoding: frame.encoding.to_owned(),
-            payload: frame.payload.to_vec(),
+            payload: frame.payload.to_bytes().into_owned(),
             size: [0, 0],
         };
         self.target = Some(self.make_target(sent, &self.settings.clone())?);
@@ -255,7 +256,7 @@ impl Task {
         let bad = |error: &dyn std::fmt::Display| ErrorReply::new(ErrorCode::BadTarget, error);
         let decoded = self
             .decoder
-            .decode(Some(&sent.header), &sent.encoding, &sent.payload, self.limits)
+            .decode(Some(&sent.header), &sent.encoding, (&sent.payload).into(), self.limits)
             .map_err(|error| bad(&error))?;
         let mut image = decoded.image.clone();
         sent.size = [image.width(), image.height()];
@@ -271,7 +272,7 @@ impl Task {
         if settings.preprocess.invert {
             invert(&mut image);
         }
-        let contrast = contrast(&image);
+        let contrast = decoded.contrast;
         if contrast < FLAT_BELOW {
             return Err(bad(&format!(
                 "the target is flat: its contrast must be at least {FLAT_BELOW}, got {contrast:.4}"
@@ -312,7 +313,7 @@ fn needs_new_law(now: &TaskSettings, then: &TaskSettings) -> bool {
 }
 
 /// The desired view's depth, and whether holes in it were filled.
-fn target_depth(source: settings::Depth, plane: Option<&Plane<f32>>) -> Result<(Depth<f32>, bool), String> {
+fn target_depth(source: settings::Depth, plane: Option<DepthRows<'_>>) -> Result<(Depth<f32>, bool), String> {
     let fallback_m = match source {
         settings::Depth::ConstantM(depth_m) => return Ok((Depth::Constant { depth_m }, false)),
         settings::Depth::Map { fallback_m, .. } => fallback_m,
@@ -325,8 +326,8 @@ fn target_depth(source: settings::Depth, plane: Option<&Plane<f32>>) -> Result<(
         };
     };
     let fill = fallback_m.map_or(HoleFill::Median, HoleFill::Constant);
-    let map = DepthMap::from_metres(plane, fill).map_err(|error| error.to_string())?;
-    let (unknown, pixels) = (map.unknown(), plane.samples().len());
+    let map = DepthMap::from_rows(plane.size(), fill, plane.rows()).map_err(|error| error.to_string())?;
+    let (unknown, pixels) = (map.unknown(), map.holes().len());
     if fallback_m.is_none() && 2 * unknown > pixels {
         return Err(format!("the depth of {unknown} of {pixels} pixels of the target is unknown, more than half"));
     }
@@ -369,7 +370,7 @@ mod tests {
     }
 
     fn frame<'a>(header: &'a FrameHeader, payload: &'a [u8]) -> Frame<'a> {
-        Frame { header, encoding: "", payload, received: Duration::ZERO, route: Route::Requested }
+        Frame { header, encoding: "", payload: payload.into(), received: Duration::ZERO, route: Route::Requested }
     }
 
     /// A task that has answered two frames.

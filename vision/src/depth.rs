@@ -3,6 +3,7 @@
 //! The law divides by depth only, so a map keeps the inverse, `ζ = 1/Z`, and no later step can meet a hole; it remembers where they were.
 
 use crate::image::Plane;
+use crate::median::select;
 use crate::sample::Sample;
 
 /// The depth of a view, along the optical axis.
@@ -21,9 +22,12 @@ pub enum Depth<T> {
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthMap<T> {
     inverse_per_m: Plane<T>,
-    known_m: Vec<T>,
     holes: Vec<bool>,
     unknown: usize,
+    /// One row of depths, metres.
+    row_m: Vec<T>,
+    /// Room for the median.
+    selection: Vec<T>,
 }
 
 /// What a hole (0, negative or not finite) becomes.
@@ -77,18 +81,33 @@ impl<T: Sample> DepthMap<T> {
     /// # Errors
     /// A fill that is not positive, or a median of nothing.
     pub fn from_metres(depth_m: &Plane<T>, fill: HoleFill) -> Result<DepthMap<T>, DepthError> {
-        let [width, height] = depth_m.size();
+        let mut rows = depth_m.samples().chunks_exact(depth_m.width());
+        DepthMap::from_rows(depth_m.size(), fill, |row| copy_next(row, &mut rows))
+    }
+
+    /// A map of `[width, height]` pixels from depths in metres, as [`DepthMap::set_rows`] takes them.
+    ///
+    /// # Errors
+    /// A fill that is not positive, or a median of nothing.
+    pub fn from_rows(
+        [width, height]: [usize; 2],
+        fill: HoleFill,
+        metres: impl FnMut(&mut [T]),
+    ) -> Result<DepthMap<T>, DepthError> {
+        let inverse_per_m = Plane::filled(width, height, T::from_f64(1.0));
+        let pixels = inverse_per_m.samples().len();
         let mut map = DepthMap {
-            inverse_per_m: Plane::filled(width, height, T::ZERO),
-            known_m: Vec::with_capacity(width * height),
-            holes: vec![false; width * height],
-            unknown: 0,
+            row_m: vec![T::ZERO; inverse_per_m.width()],
+            inverse_per_m,
+            holes: vec![true; pixels],
+            unknown: pixels,
+            selection: Vec::with_capacity(pixels),
         };
-        map.set_metres(depth_m, fill)?;
+        map.set_rows(fill, metres)?;
         Ok(map)
     }
 
-    /// Refills the map in place, without allocating; on an error the map stays as it was.
+    /// Refills the map in place, without allocating; on an error the depths stay as they were.
     ///
     /// # Errors
     /// Another size, a fill that is not positive, or a median of nothing.
@@ -97,15 +116,37 @@ impl<T: Sample> DepthMap<T> {
         if expected != got {
             return Err(DepthError::SizeMismatch { expected, got });
         }
-        let unknown = depth_m.samples().iter().filter(|z| !is_known(**z)).count();
-        let fill_per_m = if unknown == 0 { T::ZERO } else { T::from_f64(1.0 / self.fill_depth(depth_m, fill)?) };
-        let one = T::from_f64(1.0);
-        let filled = self.inverse_per_m.samples_mut().iter_mut().zip(&mut self.holes);
-        for ((inverse, is_hole), z) in filled.zip(depth_m.samples()) {
-            *is_hole = !is_known(*z);
-            *inverse = if *is_hole { fill_per_m } else { one / *z };
+        let mut rows = depth_m.samples().chunks_exact(depth_m.width());
+        self.set_rows(fill, |row| copy_next(row, &mut rows))
+    }
+
+    /// Refills the map in place, without allocating, from depths in metres that `metres` writes row by row, from the top.
+    /// On an error the depths stay as they were; where nothing was known, every pixel counts as a hole from then on.
+    ///
+    /// # Errors
+    /// A fill that is not positive, or a median of nothing.
+    pub fn set_rows(&mut self, fill: HoleFill, mut metres: impl FnMut(&mut [T])) -> Result<(), DepthError> {
+        if let HoleFill::Constant(depth_m) = fill
+            && !is_known(T::from_f64(depth_m))
+        {
+            return Err(DepthError::NotPositive { depth_m });
         }
-        self.unknown = unknown;
+        let width = self.inverse_per_m.width();
+        let rows = self.inverse_per_m.samples_mut().chunks_exact_mut(width).zip(self.holes.chunks_exact_mut(width));
+        self.unknown = 0;
+        for (inverse, holes) in rows {
+            metres(&mut self.row_m);
+            self.unknown += invert(&self.row_m, inverse, holes);
+        }
+        if self.unknown > 0 {
+            let fill_per_m = match fill {
+                HoleFill::Constant(depth_m) => T::from_f64(1.0 / depth_m),
+                HoleFill::Median => self.median_per_m()?,
+            };
+            for (inverse, is_hole) in self.inverse_per_m.samples_mut().iter_mut().zip(&self.holes) {
+                *inverse = if *is_hole { fill_per_m } else { *inverse };
+            }
+        }
         Ok(())
     }
 
@@ -124,22 +165,34 @@ impl<T: Sample> DepthMap<T> {
         &self.inverse_per_m
     }
 
-    fn fill_depth(&mut self, depth_m: &Plane<T>, fill: HoleFill) -> Result<f64, DepthError> {
-        let fill_m = match fill {
-            HoleFill::Constant(fill_m) => fill_m,
-            HoleFill::Median => {
-                self.known_m.clear();
-                self.known_m.extend(depth_m.samples().iter().filter(|z| is_known(**z)));
-                let middle = self.known_m.len() / 2;
-                if self.known_m.is_empty() {
-                    return Err(DepthError::NothingKnown { pixels: depth_m.samples().len() });
-                }
-                let by_depth = |a: &T, b: &T| a.partial_cmp(b).expect("known depths are numbers");
-                self.known_m.select_nth_unstable_by(middle, by_depth).1.to_f64()
-            }
-        };
-        if is_known(T::from_f64(fill_m)) { Ok(fill_m) } else { Err(DepthError::NotPositive { depth_m: fill_m }) }
+    /// The inverse of the upper median depth: the inverse falls where depth grows, rounding included, so it is their lower median.
+    fn median_per_m(&mut self) -> Result<T, DepthError> {
+        let (inverse, holes) = (self.inverse_per_m.samples(), &self.holes);
+        let known = inverse.len() - self.unknown;
+        if known == 0 {
+            return Err(DepthError::NothingKnown { pixels: inverse.len() });
+        }
+        Ok(select(inverse, holes, [known - 1 - known / 2, known], &mut self.selection))
     }
+}
+
+fn copy_next<'a, T: Copy + 'a>(row: &mut [T], rows: &mut impl Iterator<Item = &'a [T]>) {
+    row.copy_from_slice(rows.next().expect("a plane has as many rows as its map"));
+}
+
+/// `ζ = 1/Z` of a row where it is known; where it is not, `ζ` stays and there is a hole. Returns how many there are.
+fn invert<T: Sample>(depth_m: &[T], inverse_per_m: &mut [T], holes: &mut [bool]) -> usize {
+    let (one, width) = (T::from_f64(1.0), depth_m.len());
+    let mut unknown = 0u32;
+    for ((inverse, is_hole), z) in inverse_per_m[..width].iter_mut().zip(&mut holes[..width]).zip(depth_m) {
+        let made = one / *z;
+        // One division; `&`, not `&&`, so that a row is worked through without a jump.
+        let known = (*z > T::ZERO) & (made > T::ZERO) & (made < T::INFINITY);
+        *inverse = if known { made } else { *inverse };
+        *is_hole = !known;
+        unknown += u32::from(!known);
+    }
+    unknown as usize
 }
 
 /// Whether a depth and its inverse are both positive, finite numbers.
@@ -175,5 +228,25 @@ mod tests {
         assert!(map.set_metres(&nothing, HoleFill::Constant(f64::NAN)).is_err());
         assert!(map.set_metres(&Plane::filled(2, 4, 1.0), HoleFill::Median).is_err());
         assert_eq!(map.inverse_per_m(), before.inverse_per_m());
+    }
+
+    #[test]
+    fn the_fill_is_the_upper_median_of_all_known_depths() {
+        // Widths and values without a pattern; every seventh, then every third, then all but two are holes.
+        let mut state = 7u32;
+        for (count, hole_every) in [(99, 7), (100, 7), (5_000, 3), (60_000, 7), (60_001, 3)] {
+            let mut samples: Vec<f32> = (0..count)
+                .map(|_| {
+                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    0.3 + (state >> 16) as f32 * 1e-4
+                })
+                .collect();
+            samples.iter_mut().step_by(hole_every).for_each(|z| *z = 0.0);
+            let mut known: Vec<f32> = samples.iter().copied().filter(|z| *z > 0.0).collect();
+            known.sort_by(f32::total_cmp);
+            let map = DepthMap::from_metres(&Plane::new(count, 1, samples).expect("one row"), HoleFill::Median);
+            let expected = 1.0 / known[known.len() / 2];
+            assert_eq!(map.expect("known ones").inverse_per_m().at(0, 0), expected, "{count} pixels");
+        }
     }
 }

@@ -39,6 +39,8 @@ mod camera;
 
 mod depth;
 
+mod median;
+
 mod twist;
 
 mod law;

@@ -91,7 +91,13 @@ fn with_frame<R>(frame: &OutgoingFrame, use_it: impl FnOnce(&Frame<'_>) -> R) ->
     let payload = frame.payload().to_bytes();
     let encoding = frame.encoding().to_string();
     let route = Route::Requested;
-    use_it(&Frame { header: frame.header(), encoding: &encoding, payload: &payload, received: Duration::ZERO, route })
+    use_it(&Frame {
+        header: frame.header(),
+        encoding: &encoding,
+        payload: (&*payload).into(),
+        received: Duration::ZERO,
+        route,
+    })
 }
 
 /// A router, the service and a client in this process, which speak over TCP.

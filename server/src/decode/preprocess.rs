@@ -17,5 +17,5 @@ pub fn invert(image: &mut Plane<f32>) {
 /// were read; memory is bounded by `limits` as a frame's is. Fails on a broken PNG.
 pub fn weights(mask: &Mask, limits: DecodeLimits) -> Result<Plane<f32>, DecodeError> {
     let mut decoder = Decoder::new();
-    decoder.decode(None, frame::PNG, &mask.png, limits).map(|decoded| decoded.image.clone())
+    decoder.decode(None, frame::PNG, (&mask.png).into(), limits).map(|decoded| decoded.image.clone())
 }

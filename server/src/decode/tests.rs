@@ -26,11 +26,11 @@ fn noise(count: usize) -> Vec<u8> {
 }
 
 fn decode_raw(header: &FrameHeader, payload: &[u8]) -> Result<Plane<f32>, DecodeError> {
-    Decoder::new().decode(Some(header), NO_TYPE, payload, LIMITS).map(|decoded| decoded.image.clone())
+    Decoder::new().decode(Some(header), NO_TYPE, payload.into(), LIMITS).map(|decoded| decoded.image.clone())
 }
 
 fn decode_file(encoding: &str, payload: &[u8]) -> Result<Plane<f32>, DecodeError> {
-    Decoder::new().decode(None, encoding, payload, LIMITS).map(|decoded| decoded.image.clone())
+    Decoder::new().decode(None, encoding, payload.into(), LIMITS).map(|decoded| decoded.image.clone())
 }
 
 fn assert_plane(plane: &Plane<f32>, [width, height]: [usize; 2], expected: impl Fn(usize, usize) -> f64) {
@@ -114,7 +114,7 @@ fn a_few_pixels_that_are_not_finite_become_0_and_are_counted() {
         [f32::NAN, 0.5, f32::INFINITY, 0.25].iter().flat_map(|sample| sample.to_le_bytes()).collect();
     let mut decoder = Decoder::new();
     let header = FrameHeader::new(PixelFormat::Mono32F, 2, 2);
-    let decoded = decoder.decode(Some(&header), NO_TYPE, &payload, LIMITS).unwrap();
+    let decoded = decoder.decode(Some(&header), NO_TYPE, (&payload).into(), LIMITS).unwrap();
     assert_eq!(decoded.replaced_pixels, 2);
     assert_eq!(decoded.image.samples(), [0.0, 0.5, 0.0, 0.25]);
 }
@@ -185,7 +185,7 @@ fn depth_is_in_metres_and_keeps_what_is_unknown() {
     let counts: [u16; 4] = [0, 1500, 65535, 1];
     let payload: Vec<u8> = [0; 8].into_iter().chain(counts.iter().flat_map(|count| count.to_le_bytes())).collect();
     let header = FrameHeader { depth_format: DepthFormat::U16, depth_unit_m: 0.001, ..base.clone() };
-    let depth = decoder.decode(Some(&header), NO_TYPE, &payload, LIMITS).unwrap().depth.unwrap().clone();
+    let depth = decoder.decode(Some(&header), NO_TYPE, (&payload).into(), LIMITS).unwrap().depth.unwrap().to_plane();
     for (got, count) in depth.samples().iter().zip(counts) {
         let expected = f64::from(count) * 0.001;
         // 0.001 itself is rounded to f32, and so is the product: 2 roundings, relative.
@@ -195,11 +195,11 @@ fn depth_is_in_metres_and_keeps_what_is_unknown() {
     let metres = [f32::NAN, -1.0, 0.75, f32::INFINITY];
     let payload: Vec<u8> = [0; 8].into_iter().chain(metres.iter().flat_map(|metre| metre.to_le_bytes())).collect();
     let header = FrameHeader { depth_format: DepthFormat::F32, depth_unit_m: 1.0, ..base };
-    let decoded = decoder.decode(Some(&header), NO_TYPE, &payload, LIMITS).unwrap();
-    let depth = decoded.depth.unwrap().samples();
-    assert!(depth[0].is_nan() && depth[3] == f32::INFINITY);
-    assert_eq!(depth[1..3], [-1.0, 0.75]);
+    let decoded = decoder.decode(Some(&header), NO_TYPE, (&payload).into(), LIMITS).unwrap();
     assert_eq!(decoded.replaced_pixels, 0, "unknown depth is no bad pixel");
+    let depth = decoded.depth.unwrap().to_plane();
+    assert!(depth.at(0, 0).is_nan() && depth.at(1, 1) == f32::INFINITY);
+    assert_eq!((depth.at(1, 0), depth.at(0, 1)), (-1.0, 0.75));
 }
 
 #[test]
@@ -216,9 +216,9 @@ fn a_png_may_be_followed_by_depth_and_the_next_frame_has_none_of_it() {
         ..FrameHeader::new(PixelFormat::ByEncoding, 2, 2)
     };
     let mut decoder = Decoder::new();
-    let decoded = decoder.decode(Some(&header), "image/png", &payload, LIMITS).unwrap();
-    assert_eq!(decoded.depth.unwrap().samples(), [1.0, 2.0, 3.0, 4.0]);
-    assert!(decoder.decode(None, "image/png", &file, LIMITS).unwrap().depth.is_none());
+    let decoded = decoder.decode(Some(&header), "image/png", (&payload).into(), LIMITS).unwrap();
+    assert_eq!(decoded.depth.unwrap().to_plane().samples(), [1.0, 2.0, 3.0, 4.0]);
+    assert!(decoder.decode(None, "image/png", (&file).into(), LIMITS).unwrap().depth.is_none());
 }
 
 #[test]
@@ -230,11 +230,9 @@ fn frames_of_one_size_are_decoded_into_the_same_memory() {
         depth_offset: 16,
         ..FrameHeader::new(PixelFormat::Mono8, 4, 4)
     };
-    let mut planes = || {
-        let decoded = decoder.decode(Some(&header), NO_TYPE, &noise(48), LIMITS).unwrap();
-        (decoded.image.samples().as_ptr(), decoded.depth.unwrap().samples().as_ptr())
-    };
-    assert_eq!(planes(), planes());
+    let mut plane =
+        || decoder.decode(Some(&header), NO_TYPE, (&noise(48)).into(), LIMITS).unwrap().image.samples().as_ptr();
+    assert_eq!(plane(), plane());
 }
 
 #[test]
@@ -243,7 +241,7 @@ fn a_changed_size_is_followed() {
     for [width, height] in [[4, 2], [2, 4], [8, 8], [1, 1]] {
         let payload = noise((width * height) as usize);
         let header = FrameHeader::new(PixelFormat::Mono8, width, height);
-        let decoded = decoder.decode(Some(&header), NO_TYPE, &payload, LIMITS).unwrap();
+        let decoded = decoder.decode(Some(&header), NO_TYPE, (&payload).into(), LIMITS).unwrap();
         assert_plane(decoded.image, [width as usize, height as usize], |u, v| {
             f64::from(payload[v * width as usize + u]) / 255.0
         });
@@ -279,10 +277,10 @@ fn a_depth_without_unit_is_refused_for_floats_too() {
 fn a_png_of_another_size_than_its_header_says_is_refused() {
     let file = png(&noise(6), 3, 2, ColorType::L8);
     let header = FrameHeader::new(PixelFormat::ByEncoding, 2, 3);
-    let refused = Decoder::new().decode(Some(&header), "image/png", &file, LIMITS).map(|_| ());
+    let refused = Decoder::new().decode(Some(&header), "image/png", (&file).into(), LIMITS).map(|_| ());
     assert_eq!(refused, Err(DecodeError::SizeMismatch { expected: [2, 3], got: [3, 2] }));
     let picture = jpeg(&noise(6), 3, 2, ColorType::L8);
-    let refused = Decoder::new().decode(Some(&header), "image/jpeg", &picture, LIMITS).map(|_| ());
+    let refused = Decoder::new().decode(Some(&header), "image/jpeg", (&picture).into(), LIMITS).map(|_| ());
     assert_eq!(refused, Err(DecodeError::SizeMismatch { expected: [2, 3], got: [3, 2] }));
 }
 
@@ -291,9 +289,9 @@ fn limits_hold_before_anything_is_allocated() {
     let small = DecodeLimits { max_pixels: 15, max_bytes: 20 };
     let header = FrameHeader::new(PixelFormat::Mono8, 4, 4);
     let mut decoder = Decoder::new();
-    let too_many_pixels = decoder.decode(Some(&header), NO_TYPE, &noise(16), small).map(|_| ());
+    let too_many_pixels = decoder.decode(Some(&header), NO_TYPE, (&noise(16)).into(), small).map(|_| ());
     assert_eq!(too_many_pixels, Err(DecodeError::TooManyPixels { limit: 15, width: 4, height: 4 }));
-    let too_many_bytes = decoder.decode(Some(&header), NO_TYPE, &noise(21), small).map(|_| ());
+    let too_many_bytes = decoder.decode(Some(&header), NO_TYPE, (&noise(21)).into(), small).map(|_| ());
     assert_eq!(too_many_bytes, Err(DecodeError::TooManyBytes { limit: 20, got: 21 }));
     assert!(decoder.image.is_none() && decoder.samples.capacity() == 0);
 }
@@ -307,7 +305,7 @@ fn a_decompression_bomb_is_refused_by_its_size_before_memory_is_taken() {
     picture[frame_header + 5..frame_header + 9].copy_from_slice(&[0xff, 0xfe, 0xff, 0xfd]);
     let mut decoder = Decoder::new();
     for (encoding, file, width, height) in [("image/png", bomb, 4096, 4096), ("image/jpeg", picture, 0xfffd, 0xfffe)] {
-        let refused = decoder.decode(None, encoding, &file, LIMITS).map(|_| ());
+        let refused = decoder.decode(None, encoding, (&file).into(), LIMITS).map(|_| ());
         assert_eq!(refused, Err(DecodeError::TooManyPixels { limit: LIMITS.max_pixels, width, height }));
         assert!(decoder.image.is_none() && decoder.samples.capacity() == 0);
     }
@@ -332,10 +330,10 @@ fn a_cut_off_image_is_refused_wherever_it_is_cut() {
 fn an_error_leaves_the_decoder_usable() {
     let mut decoder = Decoder::new();
     let header = FrameHeader::new(PixelFormat::Mono8, 2, 2);
-    assert!(decoder.decode(None, "image/png", &noise(99), LIMITS).is_err());
-    assert!(decoder.decode(Some(&header), NO_TYPE, &[255; 4], LIMITS).is_ok());
-    assert!(decoder.decode(None, "image/jpeg", &noise(99), LIMITS).is_err());
-    let decoded = decoder.decode(Some(&header), NO_TYPE, &[255; 4], LIMITS).unwrap();
+    assert!(decoder.decode(None, "image/png", (&noise(99)).into(), LIMITS).is_err());
+    assert!(decoder.decode(Some(&header), NO_TYPE, [255; 4][..].into(), LIMITS).is_ok());
+    assert!(decoder.decode(None, "image/jpeg", (&noise(99)).into(), LIMITS).is_err());
+    let decoded = decoder.decode(Some(&header), NO_TYPE, [255; 4][..].into(), LIMITS).unwrap();
     assert_eq!(decoded.image.samples(), [1.0; 4]);
 }
 
@@ -364,11 +362,12 @@ fn any_header() -> impl Strategy<Value = FrameHeader> {
 
 /// Whatever came: no panic, and what is accepted is finite, within the limits and of the header's size.
 fn check_anything(header: Option<&FrameHeader>, encoding: &str, payload: &[u8]) {
-    if let Ok(decoded) = Decoder::new().decode(header, encoding, payload, LIMITS) {
+    if let Ok(decoded) = Decoder::new().decode(header, encoding, payload.into(), LIMITS) {
         assert!(decoded.image.samples().iter().all(|sample| sample.is_finite()));
         assert!(decoded.image.samples().len() as u64 <= LIMITS.max_pixels);
         if let Some(depth) = decoded.depth {
-            assert_eq!((depth.width(), depth.height()), (decoded.image.width(), decoded.image.height()));
+            assert_eq!(depth.size(), [decoded.image.width(), decoded.image.height()]);
+            assert_eq!(depth.to_plane().samples().len(), decoded.image.samples().len());
         }
     }
 }
@@ -413,5 +412,32 @@ proptest! {
             file[place] = byte;
         }
         check_anything(None, encoding, &file);
+    }
+}
+
+#[test]
+fn a_frame_in_any_pieces_is_the_same_frame() {
+    let header = FrameHeader {
+        row_bytes: 27,
+        depth_format: DepthFormat::U16,
+        depth_unit_m: 0.001,
+        depth_offset: 27 * 7 + 5,
+        ..FrameHeader::new(PixelFormat::Rgb8, 8, 7)
+    };
+    let raw = noise(27 * 7 + 5 + 2 * 8 * 7);
+    let file = png(&noise(24 * 20), 24, 20, ColorType::L8);
+    let by_encoding = FrameHeader::new(PixelFormat::ByEncoding, 0, 0);
+    for (header, encoding, bytes) in [(&header, NO_TYPE, &raw), (&by_encoding, "image/png", &file)] {
+        let decode = |payload: Payload<'_>| {
+            let mut decoder = Decoder::new();
+            let decoded = decoder.decode(Some(header), encoding, payload, LIMITS).unwrap();
+            (decoded.image.clone(), decoded.contrast, decoded.depth.map(DepthRows::to_plane))
+        };
+        let whole = decode(bytes.into());
+        for length in [1, 13, 26, 64] {
+            let mut writer = zenoh::bytes::ZBytes::writer();
+            bytes.chunks(length).for_each(|piece| writer.append(piece.into()));
+            assert_eq!(decode((&writer.finish()).into()), whole, "in pieces of {length} bytes");
+        }
     }
 }

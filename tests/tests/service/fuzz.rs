@@ -147,7 +147,7 @@ fn every_twist_is_finite_within_its_limits_and_zero_unless_servoing() {
         for step in 0..FRAMES {
             let (header, payload) = frame(&mut rng, &settings);
             let route = if rng.r#gen() { Route::Requested } else { Route::Pushed };
-            let frame = Frame { header: &header, encoding: "", payload: &payload, received: now, route };
+            let frame = Frame { header: &header, encoding: "", payload: (&payload).into(), received: now, route };
             now += Duration::from_micros(rng.gen_range(0..200_000));
             match rng.gen_range(0..if step < 3 { 3 } else { 30 }) {
                 0 => drop(task.set_target(&frame)),
@@ -213,7 +213,8 @@ fn the_same_frames_at_the_same_times_give_the_same_twists_bit_for_bit() {
         for step in 0..30 {
             let (header, payload) = frame(&mut rng, &settings);
             let received = Duration::from_millis(66 * step);
-            let frame = Frame { header: &header, encoding: "", payload: &payload, received, route: Route::Requested };
+            let frame =
+                Frame { header: &header, encoding: "", payload: (&payload).into(), received, route: Route::Requested };
             if step < 5 {
                 drop(task.set_target(&frame));
             }
