@@ -31,10 +31,34 @@ pub(crate) struct Sights<'a, T> {
 pub(crate) enum Features<T> {
     /// Of every family.
     Moments(Box<Moments<T>>),
-    /// The pixels themselves.
+    /// The pixels themselves, or seen through a bell.
+    Pixels(Box<Pixels<T>>),
+}
+
+/// A method on pixels.
+#[derive(Debug)]
+pub(crate) struct Pixels<T> {
+    method: PixelMethod<T>,
+    path: Path,
+    work: Work,
+}
+
+#[derive(Debug)]
+enum PixelMethod<T> {
     Photometric(Photometric<T>),
-    /// The pixels seen through a bell.
-    GaussianMixture(GaussianMixture<T>),
+    GaussianMixture(Box<GaussianMixture<T>>),
+}
+
+impl<T: Sample> Pixels<T> {
+    fn gram(&mut self, sights: Sights<'_, T>) -> Gram {
+        let (gram, multiply_adds) = match &mut self.method {
+            PixelMethod::Photometric(photometric) => photometric.gram(self.path, sights),
+            PixelMethod::GaussianMixture(mixture) => mixture.gram(self.path, sights),
+        };
+        self.work.joint_sweeps += 1;
+        self.work.multiply_adds += multiply_adds;
+        gram
+    }
 }
 
 impl<T: Sample> Features<T> {
@@ -56,12 +80,13 @@ impl<T: Sample> Features<T> {
     /// Buffers for pixels as features, `[width, height]` of them.
     pub(crate) fn pixels(law: &Law, camera: Intrinsics, size: [usize; 2]) -> Features<T> {
         let planes = if law.light.is_some() { COLUMNS } else { PLAIN };
-        match law.method {
+        let method = match law.method {
             Method::GaussianMixture => {
-                Features::GaussianMixture(GaussianMixture::new(camera, size, planes, law.gaussian))
+                PixelMethod::GaussianMixture(Box::new(GaussianMixture::new(camera, size, planes, law.gaussian)))
             }
-            _ => Features::Photometric(Photometric::new(camera, size, planes)),
-        }
+            _ => PixelMethod::Photometric(Photometric::new(camera, size, planes)),
+        };
+        Features::Pixels(Box::new(Pixels { method, path: Path::best(), work: Work::default() }))
     }
 
     /// The inner products of this pair; `chosen` is what the law says about moments, at this order.
@@ -79,14 +104,14 @@ impl<T: Sample> Features<T> {
                 let chosen = chosen.expect("a law whose method is on moments chooses rows");
                 moments.gram(chosen.polynomials, order, sights)
             }
-            Features::Photometric(pixels) => Ok(pixels.gram(sights)),
-            Features::GaussianMixture(mixture) => Ok(mixture.gram(sights)),
+            Features::Pixels(pixels) => Ok(pixels.gram(sights)),
         }
     }
 
     pub(crate) fn set_path(&mut self, path: Path) {
-        if let Features::Moments(moments) = self {
-            moments.set_path(path);
+        match self {
+            Features::Moments(moments) => moments.set_path(path),
+            Features::Pixels(pixels) => pixels.path = path,
         }
     }
 
@@ -107,9 +132,12 @@ impl<T: Sample> Features<T> {
         self.in_moments().into_iter().flat_map(Moments::features)
     }
 
-    /// What has been computed so far; methods without moments keep nothing.
+    /// What has been computed so far; methods without moments keep nothing, and sweep both views at every step.
     pub(crate) fn work(&self) -> Work {
-        self.in_moments().map_or(Work::default(), Moments::work)
+        match self {
+            Features::Moments(moments) => moments.work(),
+            Features::Pixels(pixels) => pixels.work,
+        }
     }
 
     fn in_moments(&self) -> Option<&Moments<T>> {

@@ -28,24 +28,6 @@ pub fn point_interaction(x: f64, y: f64, depth_m: f64) -> Matrix2x6<f64> {
     l_x
 }
 
-/// `∇I_u` and `∇I_v` along row `v`, in brightness per pixel: central differences, one-sided at the border. At least 2x2 pixels.
-pub(crate) fn gradient_row<T: Sample>(image: &Plane<T>, v: usize, along_u: &mut [T], along_v: &mut [T]) {
-    let half = T::from_f64(0.5);
-    let (row, last_u, last_v) = (image.row(v), image.width() - 1, image.height() - 1);
-
-    for ((slope, left), right) in along_u[1..last_u].iter_mut().zip(row).zip(&row[2..]) {
-        *slope = half * (*right - *left);
-    }
-    along_u[0] = row[1] - row[0];
-    along_u[last_u] = row[last_u] - row[last_u - 1];
-
-    let (above, below) = (v.saturating_sub(1), (v + 1).min(last_v));
-    let scale = if below - above == 2 { half } else { T::from_f64(1.0) };
-    for ((slope, above), below) in along_v.iter_mut().zip(image.row(above)).zip(image.row(below)) {
-        *slope = scale * (*below - *above);
-    }
-}
-
 /// The brightness around one image row, from which its slopes come: central differences, one-sided at the border. At least 2x2 pixels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Slopes<'a, T> {
@@ -104,25 +86,43 @@ impl<N: Copy + Add<Output = N> + Sub<Output = N> + Mul<Output = N> + Neg<Output 
 
 #[cfg(test)]
 mod tests {
+    use fearless_simd::{SimdBase, dispatch};
+
     use super::*;
+    use crate::path::Path;
+
+    /// `∇I_u` and `∇I_v` along row `v`, of any path.
+    fn gradient(path: Path, image: &Plane<f64>, v: usize) -> [Vec<f64>; 2] {
+        let slopes = Slopes::of(image, v);
+        let mut rows = dispatch!(path.level(), simd => all(simd, &slopes, image.width()));
+        rows.iter_mut().for_each(|row| row.truncate(image.width()));
+        rows
+    }
+
+    #[inline(always)]
+    fn all<S: Simd>(simd: S, slopes: &Slopes<'_, f64>, width: usize) -> [Vec<f64>; 2] {
+        let mut rows = [Vec::new(), Vec::new()];
+        for at in (0..width).step_by(S::f64s::LEN) {
+            for (row, part) in rows.iter_mut().zip(slopes.at(simd, at)) {
+                row.extend_from_slice(part.as_slice());
+            }
+        }
+        rows
+    }
 
     #[test]
     fn the_gradient_of_a_ramp_is_its_slope_up_to_the_border() {
         let ramp = Plane::from_fn(9, 7, |u, v| 3.0 * u as f64 - 2.0 * v as f64);
-        let (mut along_u, mut along_v) = ([0.0; 9], [0.0; 9]);
-        for v in 0..7 {
-            gradient_row(&ramp, v, &mut along_u, &mut along_v);
-            assert_eq!((along_u, along_v), ([3.0; 9], [-2.0; 9]));
+        for (path, v) in Path::available().into_iter().flat_map(|path| (0..7).map(move |v| (path, v))) {
+            assert_eq!(gradient(path, &ramp, v), [[3.0; 9], [-2.0; 9]], "{path}");
         }
     }
 
     #[test]
     fn the_gradient_of_a_parabola_is_one_sided_at_the_border() {
-        let parabola = Plane::from_fn(8, 8, |_, v| (v * v) as f32);
-        let (mut along_u, mut along_v) = ([0.0; 8], [0.0; 8]);
+        let parabola = Plane::from_fn(8, 8, |_, v| (v * v) as f64);
         for (v, slope) in [(0, 1.0), (1, 2.0), (6, 12.0), (7, 13.0)] {
-            gradient_row(&parabola, v, &mut along_u, &mut along_v);
-            assert_eq!(along_v, [slope; 8]);
+            assert_eq!(gradient(Path::best(), &parabola, v)[1], [slope; 8]);
         }
     }
 

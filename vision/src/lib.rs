@@ -75,17 +75,19 @@ pub mod gram;
 
 mod light;
 
-mod chunks;
-
 pub mod planes;
 
 mod products;
 
 mod photometric;
 
+mod banded;
+
 pub mod convolution;
 
 mod low_rank;
+
+mod blurred;
 
 mod gaussian;
 
