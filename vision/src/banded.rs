@@ -8,8 +8,8 @@ use std::ops::Range;
 
 use fearless_simd::{Simd, SimdBase, SimdFloat};
 
+use crate::path::has_many_registers;
 use crate::sample::Sample;
-use crate::strands::has_many_registers;
 
 /// Rows of a tile.
 pub(crate) const ROWS: usize = 8;

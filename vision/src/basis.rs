@@ -9,7 +9,11 @@
 //! The recurrence `t q_n = β_n q_{n-1} + α_n q_n + β_{n+1} q_{n+1}` is kept: it turns moments of `p_n` into moments of `x p_n`.
 //! Rows in closed form (cosines) are taken as they are and have no such recurrence.
 
+use fearless_simd::{Simd, dispatch};
+
+use crate::dense::{add_multiple, dot, dot3};
 use crate::family::{Family, Polynomial, Rows};
+use crate::path::Path;
 
 /// Shortest and longest axis a basis is made for, in pixels.
 pub const LENGTHS: std::ops::RangeInclusive<usize> = 8..=4096;
@@ -178,35 +182,57 @@ impl Basis {
     }
 
     fn fill_polynomials(&mut self, weight_ratio: impl Fn(f64, f64) -> f64) {
-        let (points, stride) = (self.points, self.length + 1);
+        let points = self.points;
         for (u, t) in self.scaled_u[..points].iter_mut().enumerate() {
             *t = 2.0 * u as f64 / (points - 1) as f64 - 1.0;
         }
         fill_root_weight(weight_ratio, &mut self.values[..points]);
+        dispatch!(Path::best().level(), simd => self.orthogonalise(simd));
+    }
+
+    /// Rows 1 and on from row 0, by Stieltjes' procedure.
+    #[inline(always)]
+    fn orthogonalise<S: Simd>(&mut self, simd: S) {
+        let (points, stride) = (self.points, self.length + 1);
         let t = &self.scaled_u[..points];
         for n in 0..self.off_diagonal.len() - 1 {
             let (made, next) = self.values.split_at_mut((n + 1) * stride);
             let z = &mut next[..points];
             let q = &made[n * stride..][..points];
-            let alpha: f64 = sum(t.iter().zip(q).map(|(t, q)| t * q * q));
+            let alpha = dot3(simd, q, q, Some(t));
             for ((z, t), q) in z.iter_mut().zip(t).zip(q) {
                 *z = (t - alpha) * q;
             }
             // The first round also takes out `β_n q_{n-1}`; the second what rounding left of the first.
             for _ in 0..2 {
-                made.chunks_exact(stride).rev().for_each(|row| remove_component(z, &row[..points]));
+                for row in (0..=n).rev() {
+                    let row = &made[row * stride..][..points];
+                    add_multiple(simd, z, -dot(simd, z, row), row);
+                }
             }
             self.diagonal[n] = alpha;
-            self.off_diagonal[n + 1] = normalize(z);
+            let length = dot(simd, z, z).sqrt();
+            z.iter_mut().for_each(|z| *z /= length);
+            self.off_diagonal[n + 1] = length;
         }
     }
 
     fn products_defect(&self, points: usize) -> f64 {
-        let row = |n: usize| &self.lattice_row(n)[..points];
-        let products = (0..self.rows()).flat_map(|n| (0..=n).map(move |m| (n, m)));
-        let deviations = products.map(|(n, m)| (dot(row(n), row(m)) - f64::from(u8::from(n == m))).abs());
-        // `f64::max` would swallow a NaN; a row that is not a number must fail.
-        deviations.fold(0.0, |worst, d| if d > worst || d.is_nan() { d } else { worst })
+        dispatch!(Path::best().level(), simd => self.products_defect_on(simd, points))
+    }
+
+    #[inline(always)]
+    fn products_defect_on<S: Simd>(&self, simd: S, points: usize) -> f64 {
+        let mut worst: f64 = 0.0;
+        for n in 0..self.rows() {
+            for m in 0..=n {
+                let product = dot(simd, &self.lattice_row(n)[..points], &self.lattice_row(m)[..points]);
+                let deviation = (product - f64::from(u8::from(n == m))).abs();
+                // `f64::max` would swallow a NaN; a row that is not a number must fail.
+                worst = if deviation > worst || deviation.is_nan() { deviation } else { worst };
+            }
+        }
+        worst
     }
 }
 
@@ -222,35 +248,8 @@ fn fill_root_weight(weight_ratio: impl Fn(f64, f64) -> f64, q: &mut [f64]) {
     for u in (0..mode).rev() {
         q[u] = q[u + 1] / ratio(u + 1).sqrt();
     }
-    normalize(q);
-}
-
-/// Takes the part along the unit vector `row` out of `z`.
-fn remove_component(z: &mut [f64], row: &[f64]) {
-    let along = dot(z, row);
-    for (z, row) in z.iter_mut().zip(row) {
-        *z -= along * row;
-    }
-}
-
-/// Scales `z` to length 1 and returns the length it had.
-fn normalize(z: &mut [f64]) -> f64 {
-    let length = dot(z, z).sqrt();
-    z.iter_mut().for_each(|z| *z /= length);
-    length
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    sum(a.iter().zip(b).map(|(a, b)| a * b))
-}
-
-/// A sum in eight strands: quicker than one strand, and with a smaller rounding error.
-fn sum(terms: impl Iterator<Item = f64>) -> f64 {
-    let mut strands = [0.0; 8];
-    for (i, term) in terms.enumerate() {
-        strands[i % 8] += term;
-    }
-    strands.iter().sum()
+    let length = q.iter().map(|q| q * q).sum::<f64>().sqrt();
+    q.iter_mut().for_each(|q| *q /= length);
 }
 
 #[cfg(test)]

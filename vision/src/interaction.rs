@@ -8,13 +8,11 @@
 //! L_I = [ ζ g_u,  ζ g_v,  -ζ(x g_u + y g_v),  -(x y g_u + (1 + y²) g_v),  (1 + x²) g_u + x y g_v,  x g_v - y g_u ]
 //! ```
 
-use std::ops::{Add, Mul, Neg, Sub};
-
-use fearless_simd::Simd;
+use fearless_simd::{Simd, SimdBase};
 use nalgebra::Matrix2x6;
 
 use crate::image::Plane;
-use crate::row::{load, load_beside};
+use crate::row::{each, load, load_left, load_right};
 use crate::sample::Sample;
 
 /// `L_x`: how a point at normalized `(x, y)` and depth `Z` moves under a camera twist, Eq. (37).
@@ -49,39 +47,47 @@ impl<'a, T: Sample> Slopes<'a, T> {
     /// `∇I_u` and `∇I_v` of the pixels from `at` on, in brightness per pixel; past the row's end they are finite and mean nothing.
     #[inline(always)]
     pub(crate) fn at<S: Simd>(&self, simd: S, at: usize) -> [T::Vector<S>; 2] {
-        let along_u = load_beside::<S, T, 1>(simd, self.here, at) - load_beside::<S, T, -1>(simd, self.here, at);
+        let along_u = load_right(simd, self.here, at) - load_left(simd, self.here, at);
         let along_v = load(simd, self.below, at) - load(simd, self.above, at);
         [along_u * T::from_f64(0.5), along_v * self.along_v]
     }
 }
 
-/// The moments, along one image row and for one `p_n`, of what `L_I` is made of. `g_u` and `g_v` are `f_u ∇I_u` and `f_v ∇I_v`.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct GradientMoments<N> {
-    /// Of `g_u`, `x g_u` and `x² g_u`.
-    pub g_u: [N; 3],
-    /// Of `g_v` and `x g_v`.
-    pub g_v: [N; 2],
-    /// Of `ζ g_u` and `x ζ g_u`.
-    pub zeta_g_u: [N; 2],
-    /// Of `ζ g_v`.
-    pub zeta_g_v: N,
+/// Writes `∇I_u` along a whole row of at least two pixels, as [`Slopes::at`] has it. `out` has room for whole vectors.
+#[inline(always)]
+pub(crate) fn slopes_along_u<S: Simd, T: Sample>(simd: S, row: &[T], out: &mut [T]) {
+    let (lanes, half) = (T::Vector::<S>::LEN, T::from_f64(0.5));
+    // From the second vector on there is a pixel to the left, and to the right as long as `inner` lasts.
+    let inner = row.len().saturating_sub(lanes + 1) / lanes * lanes;
+    if inner > 0 {
+        each(
+            simd,
+            &mut out[lanes..lanes + inner],
+            [&row[lanes + 1..][..inner], &row[lanes - 1..][..inner]],
+            #[inline(always)]
+            |[right, left]| (right - left) * half,
+        );
+    }
+    let mut at = 0;
+    while at < row.len() {
+        let slope = (load_right(simd, row, at) - load_left(simd, row, at)) * half;
+        slope.store_slice(&mut out[at..at + lanes]);
+        at += if at == 0 { lanes + inner } else { lanes };
+    }
 }
 
-impl<N: Copy + Add<Output = N> + Sub<Output = N> + Mul<Output = N> + Neg<Output = N>> GradientMoments<N> {
-    /// The six columns of `L_I`, projected on `p_n` along the row at normalized `y`; of one `n`, or of as many as a vector holds.
-    #[inline(always)]
-    pub(crate) fn interaction(&self, y: N, one_and_yy: N) -> [N; 6] {
-        let GradientMoments { g_u, g_v, zeta_g_u, zeta_g_v } = *self;
-        [
-            zeta_g_u[0],
-            zeta_g_v,
-            -(zeta_g_u[1] + y * zeta_g_v),
-            -(y * g_u[1] + one_and_yy * g_v[0]),
-            g_u[0] + g_u[2] + y * g_v[1],
-            g_v[1] - y * g_u[0],
-        ]
-    }
+/// Writes `∇I_v` along the whole of row `v` of an image of at least two rows, as [`Slopes::at`] has it.
+#[inline(always)]
+pub(crate) fn slopes_along_v<S: Simd, T: Sample>(simd: S, image: &Plane<T>, v: usize, out: &mut [T]) {
+    let (above, below) = (v.saturating_sub(1), (v + 1).min(image.height() - 1));
+    let scale = T::from_f64(1.0 / (below - above) as f64);
+    each(
+        simd,
+        out,
+        [image.row(below), image.row(above)],
+        #[inline(always)]
+        |[below, above]| (below - above) * scale,
+    );
 }
 
 #[cfg(test)]
@@ -94,19 +100,24 @@ mod tests {
     /// `∇I_u` and `∇I_v` along row `v`, of any path.
     fn gradient(path: Path, image: &Plane<f64>, v: usize) -> [Vec<f64>; 2] {
         let slopes = Slopes::of(image, v);
-        let mut rows = dispatch!(path.level(), simd => all(simd, &slopes, image.width()));
+        let mut rows = dispatch!(path.level(), simd => all(simd, &slopes, image, v));
         rows.iter_mut().for_each(|row| row.truncate(image.width()));
         rows
     }
 
     #[inline(always)]
-    fn all<S: Simd>(simd: S, slopes: &Slopes<'_, f64>, width: usize) -> [Vec<f64>; 2] {
+    fn all<S: Simd>(simd: S, slopes: &Slopes<'_, f64>, image: &Plane<f64>, v: usize) -> [Vec<f64>; 2] {
         let mut rows = [Vec::new(), Vec::new()];
-        for at in (0..width).step_by(S::f64s::LEN) {
+        for at in (0..image.width()).step_by(S::f64s::LEN) {
             for (row, part) in rows.iter_mut().zip(slopes.at(simd, at)) {
                 row.extend_from_slice(part.as_slice());
             }
         }
+        let mut whole = [0; 2].map(|_| vec![0.0; rows[0].len()]);
+        slopes_along_u(simd, slopes.here, &mut whole[0]);
+        slopes_along_v(simd, image, v, &mut whole[1]);
+        let inside = |rows: &[Vec<f64>; 2]| rows.each_ref().map(|row| row[..image.width()].to_vec());
+        assert_eq!(inside(&whole), inside(&rows), "by rows as by vectors");
         rows
     }
 
@@ -124,21 +135,5 @@ mod tests {
         for (v, slope) in [(0, 1.0), (1, 2.0), (6, 12.0), (7, 13.0)] {
             assert_eq!(gradient(Path::best(), &parabola, v)[1], [slope; 8]);
         }
-    }
-
-    #[test]
-    fn the_written_out_row_is_minus_gradient_times_l_x() {
-        let (x, y, depth_m, g) = (0.3, -0.2, 0.8, [1.7, -0.6]);
-        let zeta = 1.0 / depth_m;
-        let at_one_pixel = GradientMoments {
-            g_u: [g[0], x * g[0], x * x * g[0]],
-            g_v: [g[1], x * g[1]],
-            zeta_g_u: [zeta * g[0], x * zeta * g[0]],
-            zeta_g_v: zeta * g[1],
-        };
-        let expected = -nalgebra::RowVector2::from(g) * point_interaction(x, y, depth_m);
-        let worst =
-            at_one_pixel.interaction(y, 1.0 + y * y).into_iter().zip(expected.iter()).map(|(a, b)| (a - b).abs());
-        assert!(worst.fold(0.0, f64::max) < 1e-15, "numbers near 1: a rounding error or two");
     }
 }

@@ -1,8 +1,8 @@
 //! Direct visual servoing on discrete orthogonal moments: two images in, one camera twist out.
 //!
 //! Nothing here reads a file, a clock or a network. The files follow the data:
-//! `path → sample → row → image → camera → depth → twist → law → weights → noise → pixel error → window → family → order → basis → strands →
-//! projection → interaction → table → sweep → moments → gram → light → planes → products → photometric → convolution → low rank → gaussian →
+//! `path → sample → row → image → camera → depth → twist → law → weights → noise → pixel error → window → family → order → dense → basis →
+//! projection → interaction → along v → table → sweep → moments → gram → light → planes → products → photometric → convolution → low rank → gaussian →
 //! features → control → depth scale → servo`.
 //! [`Servo::step`] is the one function that calls the steps from top to bottom; start reading there.
 //! `docs/paper.md` maps the paper's equations to these files, its letters to these words, and numbers
@@ -57,13 +57,15 @@ pub mod family;
 
 mod order;
 
-pub mod basis;
+mod dense;
 
-mod strands;
+pub mod basis;
 
 mod projection;
 
 pub mod interaction;
+
+mod along_v;
 
 mod table;
 

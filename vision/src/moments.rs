@@ -4,6 +4,7 @@
 //! changes. A step with new bases sweeps both views at once; the next one with the same bases makes the desired half, up to the highest order, of
 //! which every lower one is a part, and from then on only current views are swept.
 
+use crate::along_v::AlongV;
 use crate::basis::{Basis, BasisError};
 use crate::camera::Intrinsics;
 use crate::family::Polynomial;
@@ -48,9 +49,11 @@ pub struct Work {
 /// The moments' buffers and caches for one camera and image size.
 #[derive(Debug)]
 pub(crate) struct Moments<T> {
+    camera: Intrinsics,
     sweep: Sweep<T>,
     basis_u: Basis,
     basis_v: Basis,
+    along_v: AlongV,
     /// What the two bases hold; `None` after a basis could not be made.
     made: [Option<Polynomial>; 2],
     desired_half: Half,
@@ -100,6 +103,8 @@ impl<T: Sample> Moments<T> {
         let basis_u = Basis::new(width, Carriers::<T>::basis_rows(highest_order), along_u)?;
         let basis_v = Basis::new(height, highest_order + 1, along_v)?;
         Ok(Moments {
+            camera,
+            along_v: AlongV::new(&basis_v, highest_order + 1, &camera),
             sweep: Sweep::new(camera, &basis_u, highest_order),
             basis_u,
             basis_v,
@@ -142,9 +147,9 @@ impl<T: Sample> Moments<T> {
         let mut gram = Gram::new();
         match &self.light {
             None => self.features().for_each(|row| gram.add(&row.interaction, row.error)),
-            Some(light) => self
-                .features()
-                .for_each(|row| gram.add_with_light(&row.interaction, &light.at(row.n, row.m), row.error)),
+            Some(light) => {
+                self.features().for_each(|row| gram.add_with_light(&row.interaction, light.at(row.n, row.m), row.error))
+            }
         }
         debug_assert_eq!(gram.features, feature_count(order));
         Ok(gram)
@@ -158,7 +163,7 @@ impl<T: Sample> Moments<T> {
     /// `e - C h` and the current view's own `L(I, Z)` of the last step, up to the order that was swept.
     pub(crate) fn own_rows(&self, light: [f64; 6]) -> impl Iterator<Item = FeatureRow> {
         self.current.rows(self.current.order()).map(move |row| {
-            let [_, desired @ ..]: [f64; ERROR_AND_INTERACTION] = self.desired.at(row.n, row.m);
+            let [_, desired @ ..] = self.desired.at(row.n, row.m);
             let lit = self.light.as_ref().map_or(0.0, |columns| {
                 columns.at(row.n, row.m).iter().zip(light).map(|(column, light)| column * light).sum()
             });
@@ -178,22 +183,25 @@ impl<T: Sample> Moments<T> {
     }
 
     fn sweep_both(&mut self, Sights { current, desired, weight }: Sights<'_, T>) {
-        let views = Views::Both([current, desired]);
-        self.work.multiply_adds += self.sweep.add_up(views, weight, &self.basis_v, self.order, &mut self.current);
+        let views = Views::Both(current, desired);
+        let swept = self.sweep.add_up(views, weight, &self.along_v, self.order, &mut self.current);
+        self.work.multiply_adds += swept.multiply_adds;
         self.work.joint_sweeps += 1;
         self.sweep_light(desired.0, weight, self.order);
     }
 
     fn sweep_current(&mut self, Sights { current, desired, weight }: Sights<'_, T>) {
-        let (views, order) = (Views::Current(current, desired.0), self.order.max(self.least_swept));
-        self.work.multiply_adds += self.sweep.add_up(views, weight, &self.basis_v, order, &mut self.current);
+        let (views, order) = (Views::Current(current, desired), self.order.max(self.least_swept));
+        let swept = self.sweep.add_up(views, weight, &self.along_v, order, &mut self.current);
+        self.work.multiply_adds += swept.multiply_adds;
         self.work.current_sweeps += 1;
-        self.current.take_mean_interaction(&self.desired);
+        self.current.take_mean_interaction(&self.desired, swept.of_desired);
     }
 
     fn sweep_desired(&mut self, Sights { desired, weight, .. }: Sights<'_, T>) {
         let (views, order) = (Views::Desired(desired), self.highest_order);
-        self.work.multiply_adds += self.sweep.add_up(views, weight, &self.basis_v, order, &mut self.desired);
+        let swept = self.sweep.add_up(views, weight, &self.along_v, order, &mut self.desired);
+        self.work.multiply_adds += swept.multiply_adds;
         self.work.desired_sweeps += 1;
         self.sweep_light(desired.0, weight, order);
         self.desired_half = Half::Made;
@@ -201,7 +209,7 @@ impl<T: Sample> Moments<T> {
 
     fn sweep_light(&mut self, desired: &Plane<T>, weight: Option<&Plane<T>>, order: usize) {
         if let Some(light) = &mut self.light {
-            self.work.multiply_adds += self.sweep.add_up_light(desired, weight, &self.basis_v, order, light);
+            self.work.multiply_adds += self.sweep.add_up_light(desired, weight, &self.along_v, order, light);
         }
     }
 
@@ -220,6 +228,7 @@ impl<T: Sample> Moments<T> {
         if self.made[1] != Some(along_v) {
             (self.made[1], self.desired_half) = (None, Half::Outdated);
             self.basis_v.remake(along_v)?;
+            self.along_v.set(&self.basis_v, &self.camera);
             self.made[1] = Some(along_v);
             self.work.bases += 1;
         }

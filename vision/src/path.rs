@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::{Level, Simd, SimdBase};
 
 /// One set of instructions that this machine has.
 #[derive(Debug, Clone, Copy)]
@@ -58,6 +58,12 @@ impl Path {
     pub(crate) fn level(self) -> Level {
         self.0
     }
+}
+
+/// Whether a path has 32 vector registers rather than 16: how many sums a kernel may keep in them.
+#[inline(always)]
+pub(crate) fn has_many_registers<S: Simd>() -> bool {
+    cfg!(target_arch = "aarch64") || S::f32s::LEN == 16
 }
 
 impl PartialEq for Path {

@@ -8,10 +8,10 @@ use std::marker::PhantomData;
 use fearless_simd::{Simd, SimdBase, SimdFloat};
 
 use crate::gram::Gram;
+use crate::path::has_many_registers;
 use crate::planes::gram_column;
 use crate::row::load;
 use crate::sample::Sample;
-use crate::strands::has_many_registers;
 
 /// The sums of all products of `N` planes: 7 or, with light, 13.
 pub(crate) struct PairSums<S: Simd, T: Sample, const N: usize> {

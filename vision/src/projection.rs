@@ -9,14 +9,14 @@
 
 use std::ops::Range;
 
-use fearless_simd::Simd;
+use fearless_simd::{Simd, SimdBase, SimdFloat};
 
 use crate::basis::Basis;
 use crate::camera::Intrinsics;
-use crate::row::Row;
+use crate::path::has_many_registers;
+use crate::row::{PADDING, Row};
 use crate::sample::Sample;
-use crate::strands::{has_many_registers, products};
-use crate::table::padded;
+use crate::table::{CHUNK, RowMoments};
 
 /// Most planes that are projected together.
 pub(crate) const MOST_PLANES: usize = 5;
@@ -24,7 +24,9 @@ pub(crate) const MOST_PLANES: usize = 5;
 /// The rows that carry `p_n`, `x p_n` and `x² p_n` along `u`, for `n` up to the highest order.
 #[derive(Debug)]
 pub(crate) struct Carriers<T> {
-    rows: Vec<Row<T>>,
+    /// `[stretch of a row][carrier][sample]`, so that one address leads to all carriers of a stretch.
+    values: Row<T>,
+    count: usize,
     times_x: TimesX,
     highest_order: usize,
 }
@@ -46,14 +48,14 @@ impl<T: Sample> Carriers<T> {
 
     /// Room for the carriers of bases like this one.
     pub(crate) fn new(basis: &Basis, highest_order: usize) -> Carriers<T> {
-        let (rows, times_x) = match basis.recurrence() {
+        let (count, times_x) = match basis.recurrence() {
             Some(_) => {
                 let rows = highest_order + 3;
                 (rows, TimesX::Recurrence { below: vec![0.0; rows], here: vec![0.0; rows - 1] })
             }
-            None => (3 * (highest_order + 1), TimesX::OwnRows),
+            None => (3 * (highest_order + 1).next_multiple_of(CHUNK), TimesX::OwnRows),
         };
-        Carriers { rows: (0..rows).map(|_| Row::zeros(basis.length())).collect(), times_x, highest_order }
+        Carriers { values: Row::zeros(count * basis.length().next_multiple_of(PADDING)), count, times_x, highest_order }
     }
 
     /// Fills the carriers from another basis of the same kind, in place.
@@ -70,32 +72,45 @@ impl<T: Sample> Carriers<T> {
                 for (here, alpha) in here.iter_mut().zip(by.diagonal) {
                     *here = scale * alpha + shift;
                 }
-                for (n, row) in self.rows.iter_mut().enumerate() {
-                    fill(row, basis.row(n), |_| 1.0);
+                for n in 0..self.count {
+                    self.fill(n, basis.row(n), |_| 1.0);
                 }
             }
             _ => {
-                for (i, row) in self.rows.iter_mut().enumerate() {
-                    let (degree, n) = (i / (self.highest_order + 1), i % (self.highest_order + 1));
-                    fill(row, basis.row(n), |u| camera.x(u).powi(degree as i32));
+                let (highest_order, between) = (self.highest_order, self.own_rows());
+                for (degree, n) in (0..3).flat_map(|degree| (0..=highest_order).map(move |n| (degree, n))) {
+                    self.fill(degree * between + n, basis.row(n), |u| camera.x(u).powi(degree as i32));
                 }
             }
         }
     }
 
-    /// How far apart [`Carriers::project`] puts the moments of two planes: whole vectors, and room for all carriers.
-    pub(crate) fn stride(&self) -> usize {
-        padded(self.rows.len())
+    /// `carrier[u] = values[u] * factor(u)`, rounded once.
+    fn fill(&mut self, carrier: usize, values: &[f64], factor: impl Fn(f64) -> f64) {
+        let (chunks, _) = self.values.padded_mut().as_chunks_mut::<PADDING>();
+        for (u, value) in values.iter().enumerate() {
+            chunks[u / PADDING * self.count + carrier][u % PADDING] = T::from_f64(value * factor(u as f64));
+        }
     }
 
-    /// Multiply-adds of one [`Carriers::project`] that are of use, by pixels of a row.
+    /// How far apart the carriers of two degrees are when each has its own.
+    fn own_rows(&self) -> usize {
+        (self.highest_order + 1).next_multiple_of(CHUNK)
+    }
+
+    /// How many carriers there are.
+    pub(crate) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Multiply-adds that are of use: by pixels of a row to project planes of these degrees, and by rows to sum up terms of these.
     pub(crate) fn multiply_adds(&self, degrees: &[usize], order: usize) -> usize {
         let rows = |degree: usize| (0..=degree).map(|degree| self.range(degree, order).len()).sum::<usize>();
         degrees.iter().map(|degree| rows(*degree)).sum()
     }
 
     /// Projects `planes[i]`, one row of a plane each, on all carriers that orders up to `order` need; `degrees[i]` is plane `i`'s
-    /// degree, highest first. `moments` gets one stretch of [`Carriers::stride`] per plane.
+    /// degree, highest first. `moments` gets them for one `row` of its block.
     #[inline(always)]
     pub(crate) fn project<S: Simd>(
         &self,
@@ -103,112 +118,143 @@ impl<T: Sample> Carriers<T> {
         planes: [&[T]; MOST_PLANES],
         degrees: &[usize],
         order: usize,
-        moments: &mut [f64],
+        row: usize,
+        moments: &mut RowMoments,
     ) {
         if let TimesX::Recurrence { .. } = self.times_x {
             // The two rows more are in one stretch with the others: all planes take them along, which costs less than a pass of their own.
-            return self.project_all(simd, planes, degrees.len(), 0..order + 1 + degrees[0], moments);
+            return self.project_all(simd, planes, degrees.len(), 0..order + 1 + degrees[0], row, moments);
         }
         for degree in 0..=degrees[0] {
             let reaching = degrees.iter().take_while(|d| **d >= degree).count();
-            self.project_all(simd, planes, reaching, self.range(degree, order), moments);
+            self.project_all(simd, planes, reaching, self.range(degree, order), row, moments);
         }
     }
 
-    /// The first `count` planes times the carriers in `rows`.
+    /// The first `count` planes times these carriers.
     #[inline(always)]
     fn project_all<S: Simd>(
         &self,
         simd: S,
         planes: [&[T]; MOST_PLANES],
         count: usize,
-        rows: Range<usize>,
-        moments: &mut [f64],
+        carriers: Range<usize>,
+        row: usize,
+        moments: &mut RowMoments,
     ) {
         let [a, b, c, d, e] = planes;
         match count {
-            1 => self.tiles(simd, [a], rows, moments),
-            2 => self.tiles(simd, [a, b], rows, moments),
-            3 => self.tiles(simd, [a, b, c], rows, moments),
-            4 => self.tiles(simd, [a, b, c, d], rows, moments),
-            _ => self.tiles(simd, [a, b, c, d, e], rows, moments),
+            1 => self.tiles(simd, [a], carriers, row, moments),
+            2 => self.tiles(simd, [a, b], carriers, row, moments),
+            3 => self.tiles(simd, [a, b, c], carriers, row, moments),
+            4 => self.tiles(simd, [a, b, c, d], carriers, row, moments),
+            _ => self.tiles(simd, [a, b, c, d, e], carriers, row, moments),
         }
     }
 
-    /// `P` planes times the carriers in `rows`, as many at a time as there are registers for.
+    /// `P` planes times these carriers, as many at a time as there are registers for, in stretches as even as can be.
     #[inline(always)]
-    fn tiles<S: Simd, const P: usize>(&self, simd: S, planes: [&[T]; P], rows: Range<usize>, moments: &mut [f64]) {
-        let mut first = rows.start;
-        if has_many_registers::<S>() {
-            while rows.end - first > 5 || rows.end - first == 4 {
-                self.tile::<S, P, 4>(simd, planes, first, moments);
-                first += 4;
+    fn tiles<S: Simd, const P: usize>(
+        &self,
+        simd: S,
+        planes: [&[T]; P],
+        carriers: Range<usize>,
+        row: usize,
+        moments: &mut RowMoments,
+    ) {
+        let most = if has_many_registers::<S>() { [8, 8, 8, 6, 4][P - 1] } else { [8, 5, 3, 2, 2][P - 1] };
+        let mut first = carriers.start;
+        while first < carriers.end {
+            let left = carriers.end - first;
+            let count = left.div_ceil(left.div_ceil(most));
+            match count {
+                8 if most >= 8 => self.tile::<S, P, 8>(simd, planes, first, row, moments),
+                7 if most >= 8 => self.tile::<S, P, 7>(simd, planes, first, row, moments),
+                6 if most >= 6 => self.tile::<S, P, 6>(simd, planes, first, row, moments),
+                5 if most >= 5 => self.tile::<S, P, 5>(simd, planes, first, row, moments),
+                4 if most >= 4 => self.tile::<S, P, 4>(simd, planes, first, row, moments),
+                3 if most >= 3 => self.tile::<S, P, 3>(simd, planes, first, row, moments),
+                2 => self.tile::<S, P, 2>(simd, planes, first, row, moments),
+                _ => self.tile::<S, P, 1>(simd, planes, first, row, moments),
             }
-            if rows.end - first > 2 {
-                self.tile::<S, P, 3>(simd, planes, first, moments);
-                first += 3;
-            }
-        }
-        while first + 2 <= rows.end {
-            self.tile::<S, P, 2>(simd, planes, first, moments);
-            first += 2;
-        }
-        if first < rows.end {
-            self.tile::<S, P, 1>(simd, planes, first, moments);
+            first += count;
         }
     }
 
+    /// Every product has a sum of its own that waits for no other ("strand"), in a register if they are few enough.
+    ///
+    /// Loops are plain: a closure handed to `array::map` would not be compiled for the path.
     #[inline(always)]
     fn tile<S: Simd, const P: usize, const C: usize>(
         &self,
         simd: S,
         planes: [&[T]; P],
         first: usize,
-        moments: &mut [f64],
+        row: usize,
+        moments: &mut RowMoments,
     ) {
-        let stride = self.stride();
-        let rows: [&[T]; C] = std::array::from_fn(|i| self.rows[first + i].padded());
-        for (i, row) in products(simd, rows, planes).into_iter().enumerate() {
-            for (plane, product) in row.into_iter().enumerate() {
-                moments[plane * stride + first + i] = product;
+        let (lanes, zero) = (T::Vector::<S>::LEN, T::Vector::<S>::splat(simd, T::ZERO));
+        let (mut strands, mut parts) = ([[zero; P]; C], [zero; P]);
+        let (carriers, _) = self.values.padded().as_chunks::<PADDING>();
+        let mut stretches = [&[[T::ZERO; PADDING]; 0][..]; P];
+        for p in 0..P {
+            (stretches[p], _) = planes[p].as_chunks::<PADDING>();
+            stretches[p] = &stretches[p][..stretches[0].len()];
+        }
+        for (i, carriers) in carriers.chunks_exact(self.count).take(stretches[0].len()).enumerate() {
+            let carriers = &carriers[first..first + C];
+            let mut at = 0;
+            while at < PADDING {
+                for p in 0..P {
+                    parts[p] = T::Vector::<S>::from_slice(simd, &stretches[p][i][at..at + lanes]);
+                }
+                for c in 0..C {
+                    let carrier = T::Vector::<S>::from_slice(simd, &carriers[c][at..at + lanes]);
+                    for p in 0..P {
+                        strands[c][p] = carrier.mul_add(parts[p], strands[c][p]);
+                    }
+                }
+                at += lanes;
+            }
+        }
+        for p in 0..P {
+            for c in 0..C {
+                moments.set(p, first + c, row, strands[c][p].reduce_sum().to_f64());
             }
         }
     }
 
-    /// From the moments of `x^degree p_n` and of the carriers, those of `x^(degree + 1) p_n` for `n < raised.len()`.
-    #[inline(always)]
-    pub(crate) fn raise(&self, degree: usize, carried: &[f64], moments: &[f64], raised: &mut [f64]) {
-        match &self.times_x {
-            TimesX::Recurrence { below, here } => {
-                let count = raised.len();
-                let (below, here, moments) = (&below[..count + 1], &here[..count], &moments[..count + 1]);
-                raised[0] = here[0] * moments[0] + below[1] * moments[1];
-                for n in 1..count {
-                    raised[n] = below[n] * moments[n - 1] + here[n] * moments[n] + below[n + 1] * moments[n + 1];
-                }
-            }
-            TimesX::OwnRows => {
-                let rows = self.range(degree + 1, self.highest_order);
-                for (raised, carried) in raised.iter_mut().zip(&carried[rows]) {
-                    *raised = *carried;
-                }
+    /// Of sums by carrier: those of `x^degree p_n`, from those that a plane of at least this degree has.
+    pub(crate) fn raised(&self, degree: usize, sums: &[f64], n: usize) -> f64 {
+        match (&self.times_x, degree) {
+            (_, 0) => sums[n],
+            (TimesX::OwnRows, _) => sums[self.range(degree, self.highest_order).start + n],
+            (TimesX::Recurrence { below, here }, _) => {
+                let lower = |n: usize| self.raised(degree - 1, sums, n);
+                let before = if n == 0 { 0.0 } else { below[n] * lower(n - 1) };
+                before + here[n] * lower(n) + below[n + 1] * lower(n + 1)
             }
         }
+    }
+
+    /// The carriers that a plane of this degree needs: in one stretch, or in one for each power of `x`.
+    pub(crate) fn ranges(&self, degree: usize, order: usize) -> impl Iterator<Item = Range<usize>> {
+        let (first, last) = match self.times_x {
+            TimesX::Recurrence { .. } => (degree, degree),
+            TimesX::OwnRows => (0, degree),
+        };
+        (first..=last).map(move |power| match self.times_x {
+            TimesX::Recurrence { .. } => 0..order + 1 + power,
+            TimesX::OwnRows => self.range(power, order),
+        })
     }
 
     /// The carriers that a plane of this degree needs beyond those of the degrees below.
     fn range(&self, degree: usize, order: usize) -> Range<usize> {
         match (&self.times_x, degree) {
-            (TimesX::OwnRows, _) => degree * (self.highest_order + 1)..degree * (self.highest_order + 1) + order + 1,
+            (TimesX::OwnRows, _) => degree * self.own_rows()..degree * self.own_rows() + order + 1,
             (TimesX::Recurrence { .. }, 0) => 0..order + 1,
             (TimesX::Recurrence { .. }, _) => order + degree..order + degree + 1,
         }
-    }
-}
-
-/// `row[u] = values[u] * factor(u)`, rounded once.
-fn fill<T: Sample>(row: &mut Row<T>, values: &[f64], factor: impl Fn(f64) -> f64) {
-    for (u, (sample, value)) in row.padded_mut().iter_mut().zip(values).enumerate() {
-        *sample = T::from_f64(value * factor(u as f64));
     }
 }

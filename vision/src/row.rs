@@ -39,6 +39,63 @@ impl<T: Sample> Row<T> {
     }
 }
 
+/// Writes `op` of every sample of the rows, which have one length, to `out`, which has room for whole vectors of them.
+///
+/// `op` must be `#[inline(always)]`, or it is not compiled for the path.
+#[inline(always)]
+pub(crate) fn each<S: Simd, T: Sample, const N: usize>(
+    simd: S,
+    out: &mut [T],
+    rows: [&[T]; N],
+    op: impl Fn([T::Vector<S>; N]) -> T::Vector<S>,
+) {
+    let (lanes, length) = (T::Vector::<S>::LEN, rows[0].len());
+    let whole = length - length % lanes;
+    let (mut cut, mut parts) = (rows, [T::Vector::<S>::splat(simd, T::ZERO); N]);
+    for i in 0..N {
+        cut[i] = &rows[i][..whole];
+    }
+    let out_whole = &mut out[..whole];
+    let mut at = 0;
+    while at + lanes <= whole {
+        for i in 0..N {
+            parts[i] = T::Vector::<S>::from_slice(simd, &cut[i][at..at + lanes]);
+        }
+        op(parts).store_slice(&mut out_whole[at..at + lanes]);
+        at += lanes;
+    }
+    if whole < length {
+        for i in 0..N {
+            parts[i] = load(simd, rows[i], whole);
+        }
+        op(parts).store_slice(&mut out[whole..whole + lanes]);
+    }
+}
+
+/// The same with what `out` holds already, and one row.
+#[inline(always)]
+pub(crate) fn change<S: Simd, T: Sample>(
+    simd: S,
+    out: &mut [T],
+    row: &[T],
+    op: impl Fn(T::Vector<S>, T::Vector<S>) -> T::Vector<S>,
+) {
+    let lanes = T::Vector::<S>::LEN;
+    let whole = row.len() - row.len() % lanes;
+    let (out_whole, row_whole) = (&mut out[..whole], &row[..whole]);
+    let mut at = 0;
+    while at + lanes <= whole {
+        let own = T::Vector::<S>::from_slice(simd, &out_whole[at..at + lanes]);
+        let other = T::Vector::<S>::from_slice(simd, &row_whole[at..at + lanes]);
+        op(own, other).store_slice(&mut out_whole[at..at + lanes]);
+        at += lanes;
+    }
+    if whole < row.len() {
+        let own = load(simd, out, whole);
+        op(own, load(simd, row, whole)).store_slice(&mut out[whole..whole + lanes]);
+    }
+}
+
 /// As many samples as a vector holds, from `row[first..]`; zeros behind its end.
 #[inline(always)]
 pub(crate) fn load<S: Simd, T: Sample>(simd: S, row: &[T], first: usize) -> T::Vector<S> {
@@ -46,41 +103,51 @@ pub(crate) fn load<S: Simd, T: Sample>(simd: S, row: &[T], first: usize) -> T::V
     match row.get(first..first + length) {
         Some(samples) => T::Vector::<S>::from_slice(simd, samples),
         None => {
-            let rest = rest(row, first as isize);
+            let rest = rest(row, first);
             T::Vector::<S>::from_slice(simd, &rest[..length])
         }
     }
 }
 
-/// The same from one sample to the left (`BY = -1`) or right (`BY = 1`); one sample beyond each border the row goes on in a straight line.
+/// The same from one sample to the left; before its first one the row goes on in a straight line.
 #[inline(always)]
-pub(crate) fn load_beside<S: Simd, T: Sample, const BY: isize>(simd: S, row: &[T], first: usize) -> T::Vector<S> {
-    let (length, from) = (T::Vector::<S>::LEN, first.wrapping_add_signed(BY));
-    match row.get(from..from.wrapping_add(length)) {
+pub(crate) fn load_left<S: Simd, T: Sample>(simd: S, row: &[T], first: usize) -> T::Vector<S> {
+    if first == 0 {
+        return load::<S, T>(simd, row, 0).shift_elements_right::<1>(line(row[0], row[1]));
+    }
+    load(simd, row, first - 1)
+}
+
+/// The same from one sample to the right; behind its last one the row goes on in a straight line, for one sample.
+#[inline(always)]
+pub(crate) fn load_right<S: Simd, T: Sample>(simd: S, row: &[T], first: usize) -> T::Vector<S> {
+    let (length, last) = (T::Vector::<S>::LEN, row.len() - 1);
+    match row.get(first + 1..first + 1 + length) {
         Some(samples) => T::Vector::<S>::from_slice(simd, samples),
+        None if first + length == row.len() => {
+            load::<S, T>(simd, row, first).shift_elements_left::<1>(line(row[last], row[last - 1]))
+        }
         None => {
-            let beside = beside(row, first as isize + BY);
-            T::Vector::<S>::from_slice(simd, &beside[..length])
+            let mut rest = rest(row, first + 1);
+            rest[last - first] = line(row[last], row[last - 1]);
+            T::Vector::<S>::from_slice(simd, &rest[..length])
         }
     }
 }
 
-#[cold]
-#[inline(never)]
-fn rest<T: Sample>(row: &[T], first: isize) -> [T; PADDING] {
-    std::array::from_fn(|lane| row.get((first + lane as isize) as usize).copied().unwrap_or(T::ZERO))
+/// What follows `end` in a straight line from the sample before it.
+#[inline(always)]
+fn line<T: Sample>(end: T, inner: T) -> T {
+    end + (end - inner)
 }
 
 #[cold]
 #[inline(never)]
-fn beside<T: Sample>(row: &[T], first: isize) -> [T; PADDING] {
-    let last = row.len() - 1;
-    let line = |end: T, inner: T| end + (end - inner);
-    std::array::from_fn(|lane| match first + lane as isize {
-        -1 => line(row[0], row[1]),
-        u if u as usize == row.len() => line(row[last], row[last - 1]),
-        u => row.get(u as usize).copied().unwrap_or(T::ZERO),
-    })
+fn rest<T: Sample>(row: &[T], first: usize) -> [T; PADDING] {
+    let (mut samples, rest) = ([T::ZERO; PADDING], &row[first..]);
+    let count = rest.len().min(PADDING);
+    samples[..count].copy_from_slice(&rest[..count]);
+    samples
 }
 
 #[cfg(test)]
@@ -101,13 +168,18 @@ mod tests {
     fn beyond_its_ends_a_row_goes_on_in_a_straight_line_and_then_in_zeros() {
         let row: Vec<f64> = (0..20).map(|u| 3.0 + 2.0 * u as f64).collect();
         for path in Path::available() {
-            let (left, right, rest) = fearless_simd::dispatch!(path.level(), simd => {
-                let left = load_beside::<_, f64, -1>(simd, &row, 0).as_slice()[0];
-                let at_19 = load_beside::<_, f64, 1>(simd, &row, 19);
-                (left, at_19.as_slice().to_vec(), load::<_, f64>(simd, &row, 19).as_slice().to_vec())
-            });
-            assert_eq!((left, right[0], rest[0]), (1.0, 43.0, 41.0), "{path}");
-            assert!(right[1..].iter().chain(&rest[1..]).all(|beyond| *beyond == 0.0));
+            fearless_simd::dispatch!(path.level(), simd => check(simd, &row));
+        }
+
+        #[inline(always)]
+        fn check<S: Simd>(simd: S, row: &[f64]) {
+            let lanes = S::f64s::LEN;
+            let (left, right) = (load_left::<S, f64>(simd, row, 0), load_right::<S, f64>(simd, row, 19));
+            let (inner, exact) = (load_left::<S, f64>(simd, row, lanes), load_right::<S, f64>(simd, &row[..lanes], 0));
+            let rest = load::<S, f64>(simd, row, 19);
+            assert_eq!((left[0], left[1], inner[0]), (1.0, 3.0, row[lanes - 1]), "{lanes} lanes");
+            assert_eq!((right[0], exact[lanes - 1], rest[0]), (43.0, 3.0 + 2.0 * lanes as f64, 41.0), "{lanes} lanes");
+            assert!((1..lanes).all(|lane| right[lane] == 0.0 && rest[lane] == 0.0));
         }
     }
 }

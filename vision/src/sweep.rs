@@ -1,83 +1,142 @@
 //! One pass over a view, or over both at once, image row by image row: gradient, inverse depth, projection along `u`, the columns of `L_I`,
-//! and then `× q_m(v)` into the table of features.
+//! and then the multipliers along `v` into the table of features.
 //!
 //! No full-size plane is made: a row's planes stay in the nearest cache, and the buffers are made once. The difference `I - I*` is
-//! taken pixel by pixel, before the projection, so that it keeps its digits when the images nearly agree. `L` is linear in the gradients and
-//! in `ζ` times them: a sweep over both views takes the means of those planes, and costs hardly more than one view.
+//! taken pixel by pixel, before the projection, so that it keeps its digits when the images nearly agree.
+//!
+//! `L` is linear in the image, in its gradients and in `ζ` times them. So a sweep over both views takes the means of those planes, and costs
+//! hardly more than one view; and where the desired half is kept, the current one is that of `I*` and of `I - I*`, which is projected anyway: its
+//! own moments serve for `∇I_v` too, by summation by parts ([`crate::along_v`]).
 
 use std::array::from_fn;
 
-use fearless_simd::{Simd, SimdBase, SimdFloat, dispatch};
+use fearless_simd::{Simd, SimdBase, dispatch};
 
+use crate::along_v::{AlongV, Multiplier};
 use crate::basis::Basis;
 use crate::camera::Intrinsics;
 use crate::depth::Depth;
 use crate::features::Sight;
 use crate::image::Plane;
-use crate::interaction::{GradientMoments, Slopes};
+use crate::interaction::{slopes_along_u, slopes_along_v};
 use crate::light::across;
 use crate::path::Path;
 use crate::projection::{Carriers, MOST_PLANES};
-use crate::row::{Row, load};
+use crate::row::{Row, change, each, load};
 use crate::sample::Sample;
-use crate::table::{BLOCK, ERROR_AND_INTERACTION, FeatureTable, LIGHT, padded};
+use crate::table::{BLOCK, ERROR_AND_INTERACTION, FeatureTable, LIGHT, RowMoments, Sums, Term};
 
-/// What one sweep looks at.
+/// Most terms a sweep sums up, and where each part of the interaction matrix is among them.
+const MOST_TERMS: usize = 9;
+const ERROR: usize = 0;
+const ALONG_U: usize = 1;
+const ALONG_U_Y: usize = 2;
+const ALONG_V: usize = 3;
+const ALONG_V_Y: usize = 4;
+const ALONG_V_YY: usize = 5;
+const ZETA_U: usize = 6;
+const ZETA_V: usize = 7;
+const ZETA_V_Y: usize = 8;
+
+/// What one sweep looks at, and makes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Views<'a, T> {
     /// `L(I*, Z*)`, without an error.
     Desired(Sight<'a, T>),
-    /// `L(I, Z)` and `I - I*`.
-    Current(Sight<'a, T>, &'a Plane<T>),
-    /// `½(L(I, Z) + L(I*, Z*))` and `I - I*`.
-    Both([Sight<'a, T>; 2]),
+    /// `I - I*`, and what `½(L(I, Z) + L(I*, Z*))` lacks beside [`Swept::of_desired`] of `L(I*, Z*)`.
+    Current(Sight<'a, T>, Sight<'a, T>),
+    /// `I - I*` and `½(L(I, Z) + L(I*, Z*))`.
+    Both(Sight<'a, T>, Sight<'a, T>),
 }
 
 impl<'a, T: Sample> Views<'a, T> {
-    fn size(&self) -> [usize; 2] {
-        match self {
-            Views::Desired((image, _)) | Views::Current((image, _), _) | Views::Both([(image, _), _]) => image.size(),
+    /// The view whose slopes are taken first.
+    fn first(&self) -> Sight<'a, T> {
+        match *self {
+            Views::Desired(sight) | Views::Current(sight, _) | Views::Both(sight, _) => sight,
         }
     }
 
-    /// `ζ`, if it is one number for every pixel of all views.
-    fn constant_per_m(&self) -> Option<f64> {
-        let constant =
-            |depth: &Depth<T>| if let Depth::Constant { depth_m } = depth { Some(1.0 / depth_m) } else { None };
-        match self {
-            Views::Desired((_, depth)) | Views::Current((_, depth), _) => constant(depth),
-            Views::Both([(_, current), (_, desired)]) => {
-                constant(current).filter(|zeta| Some(*zeta) == constant(desired))
-            }
-        }
-    }
-
-    fn error_of(&self) -> Option<[&'a Plane<T>; 2]> {
+    /// The desired image, if there is an error to it.
+    fn error_to(&self) -> Option<&'a Plane<T>> {
         match *self {
             Views::Desired(_) => None,
-            Views::Current((image, _), desired) | Views::Both([(image, _), (desired, _)]) => Some([image, desired]),
+            Views::Current(_, desired) | Views::Both(_, desired) => Some(desired.0),
         }
     }
 }
 
-/// What a sweep's rows are made of.
+/// `ζ`, if it is one number.
+fn constant_per_m<T>(depth: &Depth<T>) -> Option<f64> {
+    if let Depth::Constant { depth_m } = depth { Some(1.0 / depth_m) } else { None }
+}
+
+/// What a sweep's rows are made of. The planes are `∇I_u`; `∇I_v` or, by parts, the image itself; then `ζ ∇I_u`, `ζ ∇I_v` if they have to be
+/// planes, and at the end `I - I*`, unless that is the image.
 #[derive(Debug, Clone, Copy)]
 struct Plan {
     /// `ζ`, when it needs no planes of its own.
     constant_per_m: Option<f64>,
-    /// Where `I - I*` is among the planes.
+    /// Whether the planes are those of `I - I*` alone, and the second is that image itself.
+    by_parts: bool,
+    /// Which plane is `I - I*`.
     error: Option<usize>,
     /// By plane.
     degrees: &'static [usize],
+    /// What a mean takes of the desired half's columns of translation and rotation.
+    of_desired: [f64; 2],
 }
 
 impl Plan {
-    fn of<T: Sample>(views: &Views<'_, T>) -> Plan {
-        let (constant_per_m, has_error) = (views.constant_per_m(), views.error_of().is_some());
-        let degrees: &[usize] = if constant_per_m.is_some() { &[2, 1, 0] } else { &[2, 1, 1, 0, 0] };
-        let count = degrees.len() - usize::from(!has_error);
-        Plan { constant_per_m, error: has_error.then_some(count - 1), degrees: &degrees[..count] }
+    fn of<T: Sample>(views: &Views<'_, T>, is_weighted: bool) -> Plan {
+        let own = constant_per_m(views.first().1);
+        let apart = |constant_per_m: Option<f64>, error: bool| {
+            let degrees: &[usize] = if constant_per_m.is_some() { &[2, 1, 0] } else { &[2, 1, 1, 0, 0] };
+            let count = degrees.len() - usize::from(!error);
+            let (degrees, error) = (&degrees[..count], error.then_some(count - 1));
+            Plan { constant_per_m, by_parts: false, error, degrees, of_desired: [0.5; 2] }
+        };
+        match views {
+            Views::Desired(_) => apart(own, false),
+            Views::Both(_, (_, desired)) => apart(own.filter(|zeta| Some(*zeta) == constant_per_m(desired)), true),
+            Views::Current(..) if is_weighted => apart(own, true),
+            Views::Current(_, (_, desired)) => {
+                let (constant_per_m, degrees, translation): (_, &[usize], _) = match (own, constant_per_m(desired)) {
+                    (Some(zeta), Some(desired)) => (Some(zeta), &[2, 1], 0.5 + 0.5 * zeta / desired),
+                    _ => (None, &[2, 1, 1, 0], 0.5),
+                };
+                Plan { constant_per_m, by_parts: true, error: Some(1), degrees, of_desired: [translation, 1.0] }
+            }
+        }
     }
+
+    /// What is summed up over the rows, each in its place.
+    fn terms(&self) -> [Option<Term>; MOST_TERMS] {
+        use Multiplier::{ByPartsOneAndYyq, ByPartsQ, ByPartsYq, OneAndYyq, Q, Yq};
+        let down = if self.by_parts { [ByPartsQ, ByPartsYq, ByPartsOneAndYyq] } else { [Q, Yq, OneAndYyq] };
+        let term = |plane, times, degree| Some(Term { plane, times, degree });
+        let with_zeta = |own: Option<Term>| own.filter(|_| self.constant_per_m.is_none());
+        [
+            self.error.and_then(|plane| term(plane, Q, 0)),
+            term(0, Q, 2),
+            term(0, Yq, 1),
+            term(1, down[0], 1),
+            term(1, down[1], 1),
+            term(1, down[2], 0),
+            with_zeta(term(2, Q, 1)),
+            with_zeta(term(3, Q, 0)),
+            with_zeta(term(3, Yq, 0)),
+        ]
+    }
+}
+
+/// What a sweep did.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Swept {
+    /// Multiply-adds of use.
+    pub multiply_adds: u64,
+    /// [`Views::Current`]: the mean is so much of the desired half's columns of translation and rotation, and half of what was swept.
+    pub of_desired: [f64; 2],
 }
 
 /// The buffers of one sweep.
@@ -87,42 +146,29 @@ pub(crate) struct Sweep<T> {
     path: Path,
     carriers: Carriers<T>,
     planes: [Row<T>; MOST_PLANES],
+    /// `∇I_u`, `∇I_v` of another image.
+    slopes: [Row<T>; 2],
+    /// `ζ` of each view where it is one number.
+    constants: [Row<T>; 2],
     moments: RowMoments,
-    /// `[row of a block][column][n]`.
-    columns: Vec<f64>,
+    sums: Sums,
     /// Of `u` from -1 to 1, for the light.
     right: Row<T>,
-}
-
-/// The moments of one image row's planes, by `n`; stretches are padded to whole vectors.
-#[derive(Debug)]
-struct RowMoments {
-    /// `[plane][n]`, of all carriers.
-    carried: Vec<f64>,
-    x_gu: Vec<f64>,
-    xx_gu: Vec<f64>,
-    x_gv: Vec<f64>,
-    x_zgu: Vec<f64>,
 }
 
 impl<T: Sample> Sweep<T> {
     /// Buffers for rows as long as the basis along `u`.
     pub(crate) fn new(camera: Intrinsics, basis_u: &Basis, highest_order: usize) -> Sweep<T> {
         let (carriers, width) = (Carriers::new(basis_u, highest_order), basis_u.length());
-        let row = || vec![0.0; padded(highest_order + 2)];
         let mut sweep = Sweep {
             camera,
             path: Path::best(),
             planes: from_fn(|_| Row::zeros(width)),
-            moments: RowMoments {
-                carried: vec![0.0; MOST_PLANES * carriers.stride()],
-                x_gu: row(),
-                xx_gu: row(),
-                x_gv: row(),
-                x_zgu: row(),
-            },
+            slopes: from_fn(|_| Row::zeros(width)),
+            constants: from_fn(|_| Row::zeros(width)),
+            moments: RowMoments::new(MOST_PLANES, carriers.count()),
+            sums: Sums::new(MOST_TERMS, carriers.count(), highest_order),
             carriers,
-            columns: vec![0.0; BLOCK * ERROR_AND_INTERACTION * padded(highest_order + 1)],
             right: Row::zeros(width),
         };
         for (u, right) in sweep.right.padded_mut()[..width].iter_mut().enumerate() {
@@ -141,69 +187,222 @@ impl<T: Sample> Sweep<T> {
         self.path = path;
     }
 
-    /// Fills `table` with `L` and, if these views have one, the error; of their planes times the weights, if there are any.
-    /// Returns the multiply-adds it took.
+    /// Fills `table` with what these views say, of planes times the weights, if there are any.
     pub(crate) fn add_up(
         &mut self,
         views: Views<'_, T>,
         weight: Option<&Plane<T>>,
-        basis_v: &Basis,
+        along_v: &AlongV,
         order: usize,
         table: &mut FeatureTable<ERROR_AND_INTERACTION>,
-    ) -> u64 {
-        table.clear(order);
-        let (plan, [width, height]) = (Plan::of(&views), views.size());
-        dispatch!(self.path.level(), simd => self.add_rows(simd, views, plan, weight, basis_v, table));
-        let per_row = width * self.carriers.multiply_adds(plan.degrees, order) + table.multiply_adds_of_a_row();
-        (height * per_row) as u64
+    ) -> Swept {
+        let (plan, [width, height]) = (Plan::of(&views, weight.is_some()), views.first().0.size());
+        let terms = plan.terms();
+        self.set_constants(views);
+        self.sums.clear();
+        dispatch!(self.path.level(), simd => self.add_rows(simd, (views, plan), weight, (along_v, &terms), order));
+        table.fill(order, |n, m| self.error_and_interaction(plan, n, m));
+        let per_row = width * self.carriers.multiply_adds(plan.degrees, order) + self.sum_multiply_adds(&terms, order);
+        Swept { multiply_adds: (height * per_row) as u64, of_desired: plan.of_desired }
+    }
+
+    /// Multiply-adds of use for one row's part of the sums.
+    fn sum_multiply_adds(&self, terms: &[Option<Term>], order: usize) -> usize {
+        let degrees = || terms.iter().flatten().map(|term| term.degree);
+        (0..=order)
+            .map(|m| degrees().map(|degree| self.carriers.multiply_adds(&[degree], order - m)).sum::<usize>())
+            .sum()
+    }
+
+    fn set_constants(&mut self, views: Views<'_, T>) {
+        let depths = match views {
+            Views::Desired((_, depth)) => [depth; 2],
+            Views::Current((_, current), (_, desired)) | Views::Both((_, current), (_, desired)) => [current, desired],
+        };
+        for (row, depth) in self.constants.iter_mut().zip(depths) {
+            if let Some(zeta) = constant_per_m(depth) {
+                row.padded_mut().fill(T::from_f64(zeta));
+            }
+        }
     }
 
     #[inline(always)]
     fn add_rows<S: Simd>(
         &mut self,
         simd: S,
-        views: Views<'_, T>,
-        plan: Plan,
+        (views, plan): (Views<'_, T>, Plan),
         weight: Option<&Plane<T>>,
-        basis_v: &Basis,
-        table: &mut FeatureTable<ERROR_AND_INTERACTION>,
+        (along_v, terms): (&AlongV, &[Option<Term>]),
+        order: usize,
     ) {
-        let (height, order) = (views.size()[1], table.order());
-        let length = ERROR_AND_INTERACTION * table.stride();
+        let height = views.first().0.height();
         for v in 0..height {
-            self.fill_planes(simd, views, plan, weight.map(|weight| weight.row(v)), v);
-            let planes = self.planes.each_ref().map(Row::padded);
-            self.carriers.project(simd, planes, plan.degrees, order, &mut self.moments.carried);
-            self.moments.raise(&self.carriers, plan, order);
-            let columns = &mut self.columns[v % BLOCK * length..][..length];
-            self.moments.fill_columns(
-                simd,
-                (&self.camera, self.carriers.stride()),
-                plan,
-                self.camera.y(v as f64),
-                columns,
+            let weight = weight.map(|weight| weight.row(v));
+            // Each stage is a function of its own, so that its loops have the registers to themselves.
+            simd.vectorize(
+                #[inline(always)]
+                || self.fill_planes(simd, views, plan, weight, v),
             );
-            if v % BLOCK == BLOCK - 1 || v == height - 1 {
-                let rows = v - v % BLOCK..v + 1;
-                table.add_rows(simd, &self.columns, rows, basis_v);
+            self.take_row(simd, plan.degrees, (along_v, terms), order, [v, height]);
+        }
+    }
+
+    /// Projects the planes of row `v`, and adds up the block that ends with it.
+    #[inline(always)]
+    fn take_row<S: Simd>(
+        &mut self,
+        simd: S,
+        degrees: &[usize],
+        (along_v, terms): (&AlongV, &[Option<Term>]),
+        order: usize,
+        [v, height]: [usize; 2],
+    ) {
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                let planes = self.planes.each_ref().map(Row::padded);
+                self.carriers.project(simd, planes, degrees, order, v % BLOCK, &mut self.moments);
+            },
+        );
+        if v == height - 1 {
+            self.moments.clear_rows(v % BLOCK + 1);
+        }
+        if v == height - 1 || v % BLOCK == BLOCK - 1 {
+            simd.vectorize(
+                #[inline(always)]
+                || self.add_block(simd, (along_v, terms), order, v / BLOCK),
+            );
+        }
+    }
+
+    #[inline(always)]
+    fn add_block<S: Simd>(
+        &mut self,
+        simd: S,
+        (along_v, terms): (&AlongV, &[Option<Term>]),
+        order: usize,
+        block: usize,
+    ) {
+        for m in 0..=order {
+            for (slot, term) in terms.iter().enumerate() {
+                let Some(term) = *term else { continue };
+                let factors = along_v.of(term.times, m, block);
+                for range in self.carriers.ranges(term.degree, order - m) {
+                    self.sums.add(simd, (slot, term), m, range, &self.moments, factors);
+                }
+            }
+        }
+    }
+
+    /// `[e, L]` of one feature, from the sums.
+    fn error_and_interaction(&self, plan: Plan, n: usize, m: usize) -> [f64; ERROR_AND_INTERACTION] {
+        let sum = |slot: usize, degree: usize| self.carriers.raised(degree, self.sums.of(slot, m), n);
+        let [f_u, f_v] = self.camera.focal_px();
+        let translation = match plan.constant_per_m {
+            Some(zeta) => [
+                zeta * f_u * sum(ALONG_U, 0),
+                zeta * f_v * sum(ALONG_V, 0),
+                -zeta * (f_u * sum(ALONG_U, 1) + f_v * sum(ALONG_V_Y, 0)),
+            ],
+            None => [f_u * sum(ZETA_U, 0), f_v * sum(ZETA_V, 0), -(f_u * sum(ZETA_U, 1) + f_v * sum(ZETA_V_Y, 0))],
+        };
+        [
+            if plan.error.is_some() { sum(ERROR, 0) } else { 0.0 },
+            translation[0],
+            translation[1],
+            translation[2],
+            -(f_u * sum(ALONG_U_Y, 1) + f_v * sum(ALONG_V_YY, 0)),
+            f_u * (sum(ALONG_U, 0) + sum(ALONG_U, 2)) + f_v * sum(ALONG_V_Y, 1),
+            f_v * sum(ALONG_V, 1) - f_u * sum(ALONG_U_Y, 0),
+        ]
+    }
+
+    /// The row's planes, as the plan has them.
+    #[inline(always)]
+    fn fill_planes<S: Simd>(&mut self, simd: S, views: Views<'_, T>, plan: Plan, weight: Option<&[T]>, v: usize) {
+        let ((own, own_depth), desired) = (views.first(), views.error_to().map(|image| image.row(v)));
+        let width = own.width();
+        let [first, second, third, fourth, fifth] = self.planes.each_mut().map(Row::padded_mut);
+        let [slope_u, slope_v] = self.slopes.each_mut().map(Row::padded_mut);
+        let constants = self.constants.each_ref().map(|row| &row.padded()[..width]);
+        match (views, desired) {
+            (Views::Current(..), Some(desired)) if plan.by_parts => {
+                difference(simd, second, own.row(v), desired);
+                slopes_along_u(simd, &second[..width], first);
+                if plan.constant_per_m.is_none() {
+                    slopes_along_u(simd, own.row(v), slope_u);
+                    slopes_along_v(simd, own, v, slope_v);
+                    let zeta = zeta_row(own_depth, constants[0], v);
+                    product(simd, third, &slope_u[..width], zeta);
+                    product(simd, fourth, &slope_v[..width], zeta);
+                }
+            }
+            (Views::Both(_, other), Some(desired)) => {
+                slopes_along_u(simd, own.row(v), first);
+                slopes_along_u(simd, other.0.row(v), slope_u);
+                slopes_along_v(simd, own, v, second);
+                slopes_along_v(simd, other.0, v, slope_v);
+                let error = if plan.constant_per_m.is_some() {
+                    third
+                } else {
+                    let zetas = [zeta_row(own_depth, constants[0], v), zeta_row(other.1, constants[1], v)];
+                    mean_product(simd, third, [&first[..width], &slope_u[..width]], zetas);
+                    mean_product(simd, fourth, [&second[..width], &slope_v[..width]], zetas);
+                    fifth
+                };
+                take_mean(simd, first, &slope_u[..width]);
+                take_mean(simd, second, &slope_v[..width]);
+                difference(simd, error, own.row(v), desired);
+            }
+            _ => {
+                slopes_along_u(simd, own.row(v), first);
+                slopes_along_v(simd, own, v, second);
+                let error = if plan.constant_per_m.is_some() {
+                    third
+                } else {
+                    let zeta = zeta_row(own_depth, constants[0], v);
+                    product(simd, third, &first[..width], zeta);
+                    product(simd, fourth, &second[..width], zeta);
+                    fifth
+                };
+                if let Some(desired) = desired {
+                    difference(simd, error, own.row(v), desired);
+                }
+            }
+        }
+        if let Some(weight) = weight {
+            for plane in &mut self.planes[..plan.degrees.len()] {
+                multiply(simd, plane.padded_mut(), weight);
             }
         }
     }
 
     /// Fills `table` with the moments of the light's planes `{I*, 1, u I*, v I*, u, v}`, times the weights, if there are any.
-    /// Returns the multiply-adds it took.
+    /// Returns the multiply-adds of use.
     pub(crate) fn add_up_light(
         &mut self,
         desired: &Plane<T>,
         weight: Option<&Plane<T>>,
-        basis_v: &Basis,
+        along_v: &AlongV,
         order: usize,
         table: &mut FeatureTable<LIGHT>,
     ) -> u64 {
-        table.clear(order);
-        dispatch!(self.path.level(), simd => self.add_light_rows(simd, desired, weight, basis_v, table));
-        let per_row = desired.width() * self.carriers.multiply_adds(&[0; 4], order) + table.multiply_adds_of_a_row();
-        (desired.height() * per_row) as u64
+        let [width, height] = desired.size();
+        let term = |plane, times| Some(Term { plane, times, degree: 0 });
+        let (q, yq) = (Multiplier::Q, Multiplier::Yq);
+        let terms = [term(0, q), term(1, q), term(2, q), term(0, yq), term(3, q), term(1, yq)];
+        self.sums.clear();
+        dispatch!(self.path.level(), simd => self.add_light_rows(simd, desired, weight, (along_v, &terms), order));
+        // From -1 to 1 down the image is so many `y`, and a shift.
+        let [top, bottom] = [0, height - 1].map(|v| self.camera.y(v as f64));
+        let per_y = 2.0 / (bottom - top);
+        table.fill(order, |n, m| {
+            let sum = |slot: usize| self.sums.of(slot, m)[n];
+            let down = |times_y: usize, plain: usize| per_y * (sum(times_y) - top * sum(plain)) - sum(plain);
+            [sum(0), sum(1), sum(2), down(3, 0), sum(4), down(5, 1)]
+        });
+        let per_row = width * self.carriers.multiply_adds(&[0; 4], order) + self.sum_multiply_adds(&terms, order);
+        (height * per_row) as u64
     }
 
     #[inline(always)]
@@ -212,26 +411,17 @@ impl<T: Sample> Sweep<T> {
         simd: S,
         desired: &Plane<T>,
         weight: Option<&Plane<T>>,
-        basis_v: &Basis,
-        table: &mut FeatureTable<LIGHT>,
+        terms: (&AlongV, &[Option<Term>]),
+        order: usize,
     ) {
-        let ([width, height], order, stride) = (desired.size(), table.order(), table.stride());
+        let [width, height] = desired.size();
         for v in 0..height {
-            self.fill_light_planes(simd, desired.row(v), weight.map(|weight| weight.row(v)), width);
-            let planes = self.planes.each_ref().map(Row::padded);
-            self.carriers.project(simd, planes, &[0; 4], order, &mut self.moments.carried);
-            let stretch = self.carriers.stride();
-            let [own, one, u_own, u_plane] = from_fn(|plane| &self.moments.carried[plane * stretch..][..order + 1]);
-            let down = across(v, height);
-            // `v` is one number along a row: its planes need no projection of their own.
-            let sources = [(own, 1.0), (one, 1.0), (u_own, 1.0), (own, down), (u_plane, 1.0), (one, down)];
-            let columns = &mut self.columns[v % BLOCK * LIGHT * stride..][..LIGHT * stride];
-            for (column, (source, factor)) in columns.chunks_exact_mut(stride).zip(sources) {
-                column.iter_mut().zip(source).for_each(|(column, source)| *column = factor * source);
-            }
-            if v % BLOCK == BLOCK - 1 || v == height - 1 {
-                table.add_rows(simd, &self.columns, v - v % BLOCK..v + 1, basis_v);
-            }
+            let weight = weight.map(|weight| weight.row(v));
+            simd.vectorize(
+                #[inline(always)]
+                || self.fill_light_planes(simd, desired.row(v), weight, width),
+            );
+            self.take_row(simd, &[0; 4], terms, order, [v, height]);
         }
     }
 
@@ -252,121 +442,74 @@ impl<T: Sample> Sweep<T> {
             (right * weight).store_slice(&mut u_plane[part]);
         }
     }
+}
 
-    /// The row's planes: `∇I_u`, `∇I_v`, then `ζ ∇I_u`, `ζ ∇I_v` if they have to be planes, then `I - I*` if there is one.
-    #[inline(always)]
-    fn fill_planes<S: Simd>(&mut self, simd: S, views: Views<'_, T>, plan: Plan, weight: Option<&[T]>, v: usize) {
-        let lanes = T::Vector::<S>::LEN;
-        let (own, other) = match views {
-            Views::Desired(sight) | Views::Current(sight, _) => (Line::of(sight, v), None),
-            Views::Both([current, desired]) => (Line::of(current, v), Some(Line::of(desired, v))),
-        };
-        let images = views.error_of().map(|images| images.map(|image| image.row(v)));
-        let (has_zeta, half) = (plan.constant_per_m.is_none(), T::Vector::<S>::splat(simd, T::from_f64(0.5)));
-        let [g_u, g_v, third, fourth, fifth] = self.planes.each_mut().map(Row::padded_mut);
-        for at in (0..views.size()[0]).step_by(lanes) {
-            let part = at..at + lanes;
-            let weight = match weight {
-                Some(weight) => load(simd, weight, at),
-                None => T::Vector::<S>::splat(simd, T::from_f64(1.0)),
-            };
-            let [mut along_u, mut along_v] = own.slopes.at(simd, at);
-            if has_zeta {
-                let zeta = own.zeta(simd, at);
-                let (mut zeta_u, mut zeta_v) = (zeta * along_u, zeta * along_v);
-                if let Some(other) = &other {
-                    let ([other_u, other_v], zeta) = (other.slopes.at(simd, at), other.zeta(simd, at));
-                    zeta_u = half * other_u.mul_add(zeta, zeta_u);
-                    zeta_v = half * other_v.mul_add(zeta, zeta_v);
-                }
-                (weight * zeta_u).store_slice(&mut third[part.clone()]);
-                (weight * zeta_v).store_slice(&mut fourth[part.clone()]);
-            }
-            if let Some(other) = &other {
-                let [other_u, other_v] = other.slopes.at(simd, at);
-                (along_u, along_v) = (half * (along_u + other_u), half * (along_v + other_v));
-            }
-            (weight * along_u).store_slice(&mut g_u[part.clone()]);
-            (weight * along_v).store_slice(&mut g_v[part.clone()]);
-            if let Some([image, desired]) = images {
-                let error = load(simd, image, at) - load(simd, desired, at);
-                (weight * error).store_slice(if has_zeta { &mut fifth[part] } else { &mut third[part] });
-            }
-        }
+/// `ζ` along row `v`.
+fn zeta_row<'a, T: Sample>(depth: &'a Depth<T>, constant: &'a [T], v: usize) -> &'a [T] {
+    match depth {
+        Depth::Constant { .. } => constant,
+        Depth::Map(map) => map.inverse_per_m().row(v),
     }
 }
 
-/// One image row of a view.
-struct Line<'a, T> {
-    slopes: Slopes<'a, T>,
-    constant_per_m: T,
-    per_m: Option<&'a [T]>,
+/// `out = a - b`.
+#[inline(always)]
+fn difference<S: Simd, T: Sample>(simd: S, out: &mut [T], a: &[T], b: &[T]) {
+    each(
+        simd,
+        out,
+        [a, b],
+        #[inline(always)]
+        |[a, b]| a - b,
+    );
 }
 
-impl<'a, T: Sample> Line<'a, T> {
-    #[inline(always)]
-    fn of((image, depth): Sight<'a, T>, v: usize) -> Line<'a, T> {
-        let (constant_per_m, per_m) = match depth {
-            Depth::Constant { depth_m } => (T::from_f64(1.0 / depth_m), None),
-            Depth::Map(map) => (T::ZERO, Some(map.inverse_per_m().row(v))),
-        };
-        Line { slopes: Slopes::of(image, v), constant_per_m, per_m }
-    }
-
-    #[inline(always)]
-    fn zeta<S: Simd>(&self, simd: S, at: usize) -> T::Vector<S> {
-        match self.per_m {
-            Some(row) => load(simd, row, at),
-            None => T::Vector::<S>::splat(simd, self.constant_per_m),
-        }
-    }
+/// `out = a b`.
+#[inline(always)]
+fn product<S: Simd, T: Sample>(simd: S, out: &mut [T], a: &[T], b: &[T]) {
+    each(
+        simd,
+        out,
+        [a, b],
+        #[inline(always)]
+        |[a, b]| a * b,
+    );
 }
 
-impl RowMoments {
-    /// The moments of `x g_u`, `x² g_u`, `x g_v` and `x ζ g_u`.
-    #[inline(always)]
-    fn raise<T: Sample>(&mut self, carriers: &Carriers<T>, plan: Plan, order: usize) {
-        let (count, stretch) = (order + 1, carriers.stride());
-        let [g_u, g_v, zg_u] = from_fn(|plane| &self.carried[plane * stretch..][..stretch]);
-        carriers.raise(0, g_u, g_u, &mut self.x_gu[..count + 1]);
-        carriers.raise(1, g_u, &self.x_gu, &mut self.xx_gu[..count]);
-        carriers.raise(0, g_v, g_v, &mut self.x_gv[..count]);
-        if plan.constant_per_m.is_none() {
-            carriers.raise(0, zg_u, zg_u, &mut self.x_zgu[..count]);
-        }
-    }
+/// `out = ½(out + other)`.
+#[inline(always)]
+fn take_mean<S: Simd, T: Sample>(simd: S, out: &mut [T], other: &[T]) {
+    let half = T::from_f64(0.5);
+    change(
+        simd,
+        out,
+        other,
+        #[inline(always)]
+        |own, other| (own + other) * half,
+    );
+}
 
-    /// `[e, L_I]` of the row's moments at normalized `y`, `[column][n]`.
-    #[inline(always)]
-    fn fill_columns<S: Simd>(
-        &self,
-        simd: S,
-        (camera, stretch): (&Intrinsics, usize),
-        plan: Plan,
-        y: f64,
-        columns: &mut [f64],
-    ) {
-        let ([f_u, f_v], constant) = (camera.focal_px(), plan.constant_per_m);
-        let (y, one_and_yy) = (S::f64s::splat(simd, y), S::f64s::splat(simd, 1.0 + y * y));
-        let (lanes, stride) = (S::f64s::LEN, columns.len() / ERROR_AND_INTERACTION);
-        for at in (0..stride).step_by(lanes) {
-            let carried = |plane: usize| S::f64s::from_slice(simd, &self.carried[plane * stretch + at..][..lanes]);
-            let raised = |row: &[f64]| S::f64s::from_slice(simd, &row[at..at + lanes]);
-            let g_u = [carried(0) * f_u, raised(&self.x_gu) * f_u, raised(&self.xx_gu) * f_u];
-            let g_v = [carried(1) * f_v, raised(&self.x_gv) * f_v];
-            let (zeta_g_u, zeta_g_v) = match constant {
-                Some(zeta) => ([g_u[0] * zeta, g_u[1] * zeta], g_v[0] * zeta),
-                None => ([carried(2) * f_u, raised(&self.x_zgu) * f_u], carried(3) * f_v),
-            };
-            let error = match plan.error {
-                Some(plane) => carried(plane),
-                None => S::f64s::splat(simd, 0.0),
-            };
-            error.store_slice(&mut columns[at..at + lanes]);
-            let interaction = GradientMoments { g_u, g_v, zeta_g_u, zeta_g_v }.interaction(y, one_and_yy);
-            for (i, value) in interaction.into_iter().enumerate() {
-                value.store_slice(&mut columns[(i + 1) * stride + at..][..lanes]);
-            }
-        }
-    }
+/// `plane = plane weight`.
+#[inline(always)]
+fn multiply<S: Simd, T: Sample>(simd: S, plane: &mut [T], weight: &[T]) {
+    change(
+        simd,
+        plane,
+        weight,
+        #[inline(always)]
+        |plane, weight| plane * weight,
+    );
+}
+
+/// `out = ½(a[0] b[0] + a[1] b[1])`.
+#[inline(always)]
+fn mean_product<S: Simd, T: Sample>(simd: S, out: &mut [T], a: [&[T]; 2], b: [&[T]; 2]) {
+    let half = T::from_f64(0.5);
+    each(
+        simd,
+        out,
+        [a[0], b[0], a[1], b[1]],
+        #[inline(always)]
+        |[a0, b0, a1, b1]| (a0 * b0 + a1 * b1) * half,
+    );
 }

@@ -1,12 +1,13 @@
-//! The table of features: moments along `u`, times `q_m(v)`, added up over the rows of an image.
+//! The second stage: moments along `u`, times multipliers along `v` ([`crate::along_v`]), added up over the rows of an image; and the table of
+//! features that comes of it.
 //!
-//! A block of image rows is added at a time, so that each number of the table is fetched and put back once for several rows.
+//! A block of image rows is added at a time, so that each sum is fetched and put back once for several rows.
 
 use std::ops::Range;
 
 use fearless_simd::{Simd, SimdBase, SimdFloat};
 
-use crate::basis::Basis;
+use crate::along_v::Multiplier;
 use crate::moments::FeatureRow;
 
 /// A feature's error, then its row of `L`.
@@ -19,26 +20,126 @@ pub(crate) const LIGHT: usize = 6;
 pub(crate) const BLOCK: usize = 8;
 
 /// `f64` numbers in the longest vector.
-const LONGEST: usize = 8;
+pub(crate) const CHUNK: usize = 8;
 
-/// Room for so many numbers in whole vectors.
-pub(crate) fn padded(count: usize) -> usize {
-    count.next_multiple_of(LONGEST)
+/// The moments along `u` of a block of image rows.
+#[derive(Debug)]
+pub(crate) struct RowMoments {
+    /// `[plane][chunk of carriers][row of the block][carrier within the chunk]`.
+    values: Vec<[[f64; CHUNK]; BLOCK]>,
+    chunks: usize,
+}
+
+impl RowMoments {
+    /// Room for so many planes and carriers.
+    pub(crate) fn new(planes: usize, carriers: usize) -> RowMoments {
+        let chunks = carriers.div_ceil(CHUNK);
+        RowMoments { values: vec![[[0.0; CHUNK]; BLOCK]; planes * chunks], chunks }
+    }
+
+    /// Notes one moment.
+    #[inline(always)]
+    pub(crate) fn set(&mut self, plane: usize, carrier: usize, row: usize, moment: f64) {
+        self.values[plane * self.chunks + carrier / CHUNK][row][carrier % CHUNK] = moment;
+    }
+
+    /// Makes the rows from `first` on zeros: the last block of an image may have fewer.
+    pub(crate) fn clear_rows(&mut self, first: usize) {
+        for chunk in &mut self.values {
+            chunk[first..].fill([0.0; CHUNK]);
+        }
+    }
+}
+
+/// One sum over all rows for every `m` and carrier: of which plane, times what, and with which powers of `x`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Term {
+    /// The plane.
+    pub plane: usize,
+    /// What it is multiplied by along `v`.
+    pub times: Multiplier,
+    /// The highest power of `x` that is wanted of it.
+    pub degree: usize,
+}
+
+/// The sums of up to so many terms.
+#[derive(Debug)]
+pub(crate) struct Sums {
+    /// `[term][m][chunk of carriers][carrier within the chunk]`.
+    values: Vec<[f64; CHUNK]>,
+    chunks: usize,
+    highest_order: usize,
+}
+
+impl Sums {
+    /// Room for so many terms and carriers.
+    pub(crate) fn new(terms: usize, carriers: usize, highest_order: usize) -> Sums {
+        let chunks = carriers.div_ceil(CHUNK);
+        Sums { values: vec![[0.0; CHUNK]; terms * (highest_order + 1) * chunks], chunks, highest_order }
+    }
+
+    /// Starts anew.
+    pub(crate) fn clear(&mut self) {
+        self.values.as_flattened_mut().fill(0.0);
+    }
+
+    /// Adds one block of one term for one `m`, to the carriers in `range`.
+    #[inline(always)]
+    pub(crate) fn add<S: Simd>(
+        &mut self,
+        simd: S,
+        (slot, term): (usize, Term),
+        m: usize,
+        range: Range<usize>,
+        moments: &RowMoments,
+        factors: &[f64; BLOCK],
+    ) {
+        let (chunks, first) = (range.start / CHUNK..range.end.div_ceil(CHUNK), self.start(slot, m));
+        let sums = &mut self.values[first..first + self.chunks][chunks.clone()];
+        let sources = &moments.values[term.plane * moments.chunks..][..moments.chunks][chunks];
+        for (sums, source) in sums.iter_mut().zip(sources) {
+            add_chunk(simd, sums, source, factors);
+        }
+    }
+
+    /// The sums of one term and `m`, by carrier.
+    pub(crate) fn of(&self, slot: usize, m: usize) -> &[f64] {
+        self.values[self.start(slot, m)..][..self.chunks].as_flattened()
+    }
+
+    fn start(&self, slot: usize, m: usize) -> usize {
+        (slot * (self.highest_order + 1) + m) * self.chunks
+    }
+}
+
+/// `sums[n] += Σ_row factors[row] source[row][n]`.
+#[inline(always)]
+fn add_chunk<S: Simd>(simd: S, sums: &mut [f64; CHUNK], source: &[[f64; CHUNK]; BLOCK], factors: &[f64; BLOCK]) {
+    let lanes = S::f64s::LEN;
+    let mut at = 0;
+    while at < CHUNK {
+        let mut sum = S::f64s::from_slice(simd, &sums[at..at + lanes]);
+        for row in 0..BLOCK {
+            sum = S::f64s::from_slice(simd, &source[row][at..at + lanes]).mul_add(factors[row], sum);
+        }
+        sum.store_slice(&mut sums[at..at + lanes]);
+        at += lanes;
+    }
 }
 
 /// So many numbers for each feature `n + m <= order`.
 #[derive(Debug)]
 pub(crate) struct FeatureTable<const COLUMNS: usize> {
     order: usize,
-    stride: usize,
-    /// `[m][column][n]`, the last padded to whole vectors; what stands at `n + m > order` means nothing.
-    values: Vec<f64>,
+    highest_order: usize,
+    /// `[m][n]`; what stands at `n + m > order` means nothing.
+    values: Vec<[f64; COLUMNS]>,
 }
 
 impl<const COLUMNS: usize> FeatureTable<COLUMNS> {
     pub(crate) fn new(highest_order: usize) -> FeatureTable<COLUMNS> {
-        let stride = padded(highest_order + 1);
-        FeatureTable { order: 0, stride, values: vec![0.0; (highest_order + 1) * COLUMNS * stride] }
+        let side = highest_order + 1;
+        FeatureTable { order: 0, highest_order, values: vec![[0.0; COLUMNS]; side * side] }
     }
 
     /// The highest order it was filled to.
@@ -46,56 +147,29 @@ impl<const COLUMNS: usize> FeatureTable<COLUMNS> {
         self.order
     }
 
-    /// Numbers between two columns, here and in what [`FeatureTable::add_rows`] takes.
-    pub(crate) fn stride(&self) -> usize {
-        self.stride
-    }
-
     /// The numbers of one feature.
-    pub(crate) fn at(&self, n: usize, m: usize) -> [f64; COLUMNS] {
-        std::array::from_fn(|column| self.values[(m * COLUMNS + column) * self.stride + n])
+    pub(crate) fn at(&self, n: usize, m: usize) -> &[f64; COLUMNS] {
+        &self.values[m * (self.highest_order + 1) + n]
     }
 
-    /// Starts anew, for features up to this order.
-    pub(crate) fn clear(&mut self, order: usize) {
+    /// Takes the numbers of every feature up to this order.
+    pub(crate) fn fill(&mut self, order: usize, feature: impl Fn(usize, usize) -> [f64; COLUMNS]) {
         self.order = order;
-        self.values.fill(0.0);
-    }
-
-    /// Multiply-adds of use for one image row.
-    pub(crate) fn multiply_adds_of_a_row(&self) -> usize {
-        COLUMNS * (self.order + 1) * (self.order + 2) / 2
-    }
-
-    /// Adds `q_m(v)` times the columns of every `v` in `rows`, at most [`BLOCK`] of them, to every feature with `n + m <= order`;
-    /// `columns` is `[v - rows.start][column][n]`.
-    #[inline(always)]
-    pub(crate) fn add_rows<S: Simd>(&mut self, simd: S, columns: &[f64], rows: Range<usize>, basis_v: &Basis) {
-        let (lanes, stride) = (S::f64s::LEN, self.stride);
-        for m in 0..=self.order {
-            let q = &basis_v.row(m)[rows.clone()];
-            for column in 0..COLUMNS {
-                let sums = &mut self.values[(m * COLUMNS + column) * stride..][..stride];
-                for at in (0..=self.order - m).step_by(lanes) {
-                    let mut sum = S::f64s::from_slice(simd, &sums[at..at + lanes]);
-                    for (row, q) in columns.chunks_exact(COLUMNS * stride).zip(q) {
-                        let part = &row[column * stride + at..][..lanes];
-                        sum = S::f64s::from_slice(simd, part).mul_add(*q, sum);
-                    }
-                    sum.store_slice(&mut sums[at..at + lanes]);
-                }
-            }
+        for (n, m) in indices(order) {
+            self.values[m * (self.highest_order + 1) + n] = feature(n, m);
         }
     }
 }
 
 impl FeatureTable<ERROR_AND_INTERACTION> {
-    /// `L` of this view becomes `½(L + L*)`, Eq. (40) and (52); `e` stays.
-    pub(crate) fn take_mean_interaction(&mut self, desired: &Self) {
-        let length = ERROR_AND_INTERACTION * self.stride;
-        for (own, desired) in self.values.chunks_exact_mut(length).zip(desired.values.chunks_exact(length)) {
-            for (own, desired) in own[self.stride..].iter_mut().zip(&desired[self.stride..]) {
-                *own = 0.5 * (*own + desired);
+    /// What was swept of the current view becomes `½(L + L*)`, Eq. (40) and (52): half of it, and so much of the desired half's columns of
+    /// translation and of rotation; `e` stays.
+    pub(crate) fn take_mean_interaction(&mut self, desired: &Self, [translation, rotation]: [f64; 2]) {
+        for (n, m) in indices(self.order) {
+            let (own, desired) = (&mut self.values[m * (self.highest_order + 1) + n], desired.at(n, m));
+            for column in 1..ERROR_AND_INTERACTION {
+                let of_desired = if column < 4 { translation } else { rotation };
+                own[column] = 0.5 * own[column] + of_desired * desired[column];
             }
         }
     }
@@ -103,7 +177,7 @@ impl FeatureTable<ERROR_AND_INTERACTION> {
     /// The features up to this order, `n` outside, `m` inside.
     pub(crate) fn rows(&self, order: usize) -> impl Iterator<Item = FeatureRow> {
         indices(order).map(|(n, m)| {
-            let [error, interaction @ ..] = self.at(n, m);
+            let [error, interaction @ ..] = *self.at(n, m);
             FeatureRow { n, m, error, interaction }
         })
     }
