@@ -2,8 +2,11 @@
 //!
 //! The law divides by depth only, so a map keeps the inverse, `ζ = 1/Z`, and no later step can meet a hole; it remembers where they were.
 
+use fearless_simd::dispatch;
+
 use crate::image::Plane;
 use crate::median::select;
+use crate::path::Path;
 use crate::sample::Sample;
 
 /// The depth of a view, along the optical axis.
@@ -133,10 +136,11 @@ impl<T: Sample> DepthMap<T> {
         }
         let width = self.inverse_per_m.width();
         let rows = self.inverse_per_m.samples_mut().chunks_exact_mut(width).zip(self.holes.chunks_exact_mut(width));
+        let path = Path::best();
         self.unknown = 0;
         for (inverse, holes) in rows {
             metres(&mut self.row_m);
-            self.unknown += invert(&self.row_m, inverse, holes);
+            self.unknown += dispatch!(path.level(), _ => invert(&self.row_m, inverse, holes));
         }
         if self.unknown > 0 {
             let fill_per_m = match fill {
@@ -181,6 +185,7 @@ fn copy_next<'a, T: Copy + 'a>(row: &mut [T], rows: &mut impl Iterator<Item = &'
 }
 
 /// `ζ = 1/Z` of a row where it is known; where it is not, `ζ` stays and there is a hole. Returns how many there are.
+#[inline(always)]
 fn invert<T: Sample>(depth_m: &[T], inverse_per_m: &mut [T], holes: &mut [bool]) -> usize {
     let (one, width) = (T::from_f64(1.0), depth_m.len());
     let mut unknown = 0u32;

@@ -109,7 +109,7 @@ impl<T: Sample> Servo<T> {
         check_view(desired, size, &law)?;
         finite(pixel_mse(Path::best(), desired.image, desired.image, None, None))?;
         let mut weights = Weights::new(size, law.holes);
-        weights.update([desired.depth; 2])?;
+        weights.update(Path::best(), [desired.depth; 2])?;
         let mut brightness = Brightness::of(desired.image);
         brightness.set(desired.image, weights.plane());
         let chosen = family::choose(&law, &brightness, &brightness)?;
@@ -126,7 +126,7 @@ impl<T: Sample> Servo<T> {
             desired_depth: desired.depth.clone(),
             current_brightness: brightness.clone(),
             desired_brightness: brightness,
-            desired_noise: noise_floor(&law, desired.image, weights.plane()),
+            desired_noise: noise_floor(Path::best(), &law, desired.image, weights.plane()),
             weights,
             initial_mse: None,
             light: None,
@@ -278,13 +278,13 @@ impl<T: Sample> Servo<T> {
 
     /// Makes the weights for a current view of this depth, and drops what was made of the desired view under others.
     fn weigh(&mut self, current: &Depth<T>) -> Result<(), MaskError> {
-        if !self.weights.update([current, &self.desired_depth])? {
+        if !self.weights.update(self.path, [current, &self.desired_depth])? {
             return Ok(());
         }
         let weight = self.weights.plane();
         self.features.forget_desired();
         self.desired_brightness.set(&self.desired_image, weight);
-        self.desired_noise = noise_floor(&self.law, &self.desired_image, weight);
+        self.desired_noise = noise_floor(self.path, &self.law, &self.desired_image, weight);
         if let Some(estimate) = &mut self.depth_scale {
             estimate.forget_frames();
         }
@@ -322,7 +322,7 @@ impl<T: Sample> Servo<T> {
 
     /// What the order rule sees of the pixel error: without the images' noise, if the law says so (deviation D16).
     fn order_mse(&self, pixel_mse: f64, image: &Plane<T>) -> f64 {
-        let noise = noise_floor(&self.law, image, self.weights.plane()) + self.desired_noise;
+        let noise = noise_floor(self.path, &self.law, image, self.weights.plane()) + self.desired_noise;
         (pixel_mse - noise).max(0.0)
     }
 
@@ -371,10 +371,10 @@ fn highest_swept(law: &Law, highest: usize) -> usize {
 }
 
 /// `σ²` of an image's noise, if the law subtracts it.
-fn noise_floor<T: Sample>(law: &Law, image: &Plane<T>, weight: Option<&Plane<T>>) -> f64 {
+fn noise_floor<T: Sample>(path: Path, law: &Law, image: &Plane<T>, weight: Option<&Plane<T>>) -> f64 {
     match law.noise_floor {
         NoiseFloor::Ignored => 0.0,
-        NoiseFloor::Subtracted => noise::noise_variance(image, weight),
+        NoiseFloor::Subtracted => noise::noise_variance(path, image, weight),
     }
 }
 

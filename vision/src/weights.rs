@@ -3,13 +3,19 @@
 //! The weights multiply `I - I*` and all six planes of `L_I` of both images. The gradient of a pixel reads its four neighbours, so a pixel
 //! beside a masked one has no weight either: what is under the mask then reaches nothing.
 
+use fearless_simd::dispatch;
+
 use crate::depth::Depth;
 use crate::image::Plane;
 use crate::law::Holes;
+use crate::path::Path;
 use crate::sample::Sample;
 
 /// Smallest share of pixels with weight that a step is made of.
 pub const SMALLEST_SHARE: f64 = 0.01;
+
+/// Weights that are made together.
+const CHUNK: usize = 512;
 
 /// The weights of one image size, and what they are made of.
 #[derive(Debug)]
@@ -74,7 +80,7 @@ impl<T: Sample> Weights<T> {
     ///
     /// # Errors
     /// Too few pixels have weight.
-    pub(crate) fn update(&mut self, depths: [&Depth<T>; 2]) -> Result<bool, MaskError> {
+    pub(crate) fn update(&mut self, path: Path, depths: [&Depth<T>; 2]) -> Result<bool, MaskError> {
         let holes = match self.holes {
             Holes::Ignored => depths.map(Depth::holes),
             Holes::Filled => [None; 2],
@@ -85,14 +91,15 @@ impl<T: Sample> Weights<T> {
         }
         self.are_in_use = self.mask.is_some() || has_holes;
         self.is_mask = !has_holes;
-        let (mut changed, mut counted, one) = (false, 0, T::from_f64(1.0));
-        for (i, weight) in self.in_use.samples_mut().iter_mut().enumerate() {
-            let is_hole = holes.iter().flatten().any(|holes| holes[i]);
-            let masked = self.mask.as_ref().map_or(one, |mask| mask.samples()[i]);
-            let new = if is_hole { T::ZERO } else { masked };
-            changed |= new != *weight;
-            counted += usize::from(new > T::ZERO);
-            *weight = new;
+        let mask = self.mask.as_ref().map(|mask| mask.samples());
+        let (mut changed, mut counted) = (false, 0);
+        for (i, weights) in self.in_use.samples_mut().chunks_mut(CHUNK).enumerate() {
+            let part = i * CHUNK..i * CHUNK + weights.len();
+            let (mask, holes) =
+                (mask.map(|mask| &mask[part.clone()]), holes.map(|holes| holes.map(|h| &h[part.clone()])));
+            let (is_other, count) = dispatch!(path.level(), _ => set(weights, mask, holes));
+            changed |= is_other;
+            counted += count as usize;
         }
         self.share = counted as f64 / (self.size[0] * self.size[1]) as f64;
         enough(self.share)?;
@@ -108,6 +115,28 @@ impl<T: Sample> Weights<T> {
     pub(crate) fn share(&self) -> f64 {
         self.share
     }
+}
+
+/// Sets weights to those of the mask, or 1, but 0 in a hole; says whether any is another now, and how many are not 0.
+#[inline(always)]
+fn set<T: Sample>(weights: &mut [T], mask: Option<&[T]>, holes: [Option<&[bool]>; 2]) -> (bool, u32) {
+    let mut new = [T::from_f64(1.0); CHUNK];
+    let new = &mut new[..weights.len()];
+    if let Some(mask) = mask {
+        new.copy_from_slice(mask);
+    }
+    for holes in holes.into_iter().flatten() {
+        for (new, is_hole) in new.iter_mut().zip(holes) {
+            *new = if *is_hole { T::ZERO } else { *new };
+        }
+    }
+    let (mut changed, mut counted) = (0, 0);
+    for (weight, new) in weights.iter_mut().zip(new) {
+        changed |= u32::from(*weight != *new);
+        counted += u32::from(*new > T::ZERO);
+        *weight = *new;
+    }
+    (changed != 0, counted)
 }
 
 fn share<T: Sample>(weights: &Plane<T>) -> f64 {
@@ -144,7 +173,10 @@ mod tests {
         let mask = Plane::from_fn(12, 9, |u, v| if [u, v] == [0, 4] { 0.0 } else { 0.5 });
         weights.set_mask(Some(&mask)).expect("weights");
         let constant = Depth::Constant { depth_m: 1.0 };
-        assert_eq!((weights.update([&constant; 2]), weights.update([&constant; 2])), (Ok(true), Ok(false)));
+        assert_eq!(
+            (weights.update(Path::best(), [&constant; 2]), weights.update(Path::best(), [&constant; 2])),
+            (Ok(true), Ok(false))
+        );
         let plane = weights.plane().expect("a mask");
         let without: Vec<usize> = (0..108).filter(|i| plane.samples()[*i] == 0.0).collect();
         assert_eq!(without, [36, 48, 49, 60], "the pixel at the border, above, right and below");
@@ -155,14 +187,14 @@ mod tests {
     fn a_hole_of_either_map_has_no_weight_and_only_when_holes_are_ignored() {
         let (one, other) = (map([3, 3]), map([7, 1]));
         let mut weights = Weights::new([12, 9], Holes::Ignored);
-        assert_eq!(weights.update([&one, &other]), Ok(true));
+        assert_eq!(weights.update(Path::best(), [&one, &other]), Ok(true));
         let plane = weights.plane().expect("holes");
         assert_eq!((plane.at(3, 3), plane.at(7, 1), plane.at(3, 4)), (0.0, 0.0, 1.0));
-        assert_eq!(weights.update([&other, &other]), Ok(true), "a hole has moved");
-        assert_eq!(weights.update([&Depth::Constant { depth_m: 1.0 }; 2]), Ok(true));
+        assert_eq!(weights.update(Path::best(), [&other, &other]), Ok(true), "a hole has moved");
+        assert_eq!(weights.update(Path::best(), [&Depth::Constant { depth_m: 1.0 }; 2]), Ok(true));
         assert_eq!((weights.plane(), weights.share()), (None, 1.0));
         let mut filled = Weights::new([12, 9], Holes::Filled);
-        assert_eq!((filled.update([&one, &other]), filled.plane()), (Ok(false), None));
+        assert_eq!((filled.update(Path::best(), [&one, &other]), filled.plane()), (Ok(false), None));
     }
 
     #[test]
