@@ -37,8 +37,8 @@ measure pixels step --method photometric,gaussian_mixture --steps 200 --seconds 
 measure options-light step --light --order 16
 measure options-noise-floor step --noise-floor --order 16
 # How it grows.
-measure sizes step --size 96x72,97x71,160x120,320x240,640x480,800x600,1280x720,1920x1080 --order 3,8,16,24 --steps 100
-measure orders step --order 3,4,6,8,12,16,20,24,32,40 --steps 200
+measure sizes step --depth map --size 96x72,97x71,160x120,320x240,640x480,800x600,1280x720,1920x1080 --order 3,8,16,24 --steps 100
+measure orders step --depth map --order 3,4,6,8,12,16,20,24,32,40 --steps 200
 # The instructions.
 for path in avx512 avx2 sse4.2 sse2 neon fallback; do
   if "$domvs" bench step --path "$path" --size 16x16 --order 3 --steps 1 --json >/dev/null 2>&1; then

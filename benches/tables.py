@@ -189,8 +189,8 @@ def main():
         if text is None:
             print(f"## {make.__name__}\n\n{made}\n")
             continue
-        marks = re.compile(rf"(<!-- {make.__name__} -->\n).*?(\n<!-- end -->)", re.DOTALL)
-        text, count = marks.subn(lambda found, made=made: found[1] + made + found[2], text)
+        marks = re.compile(rf"(<!-- {make.__name__} -->\n)(?:(?!<!--).)*(<!-- end -->)", re.DOTALL)
+        text, count = marks.subn(lambda found, made=made: found[1] + made + "\n" + found[2], text)
         if count != 1:
             print(f"{make.__name__}: {count} places in {args.into}")
     if text is not None:

@@ -3,6 +3,7 @@
 //! take by themselves.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::{Context, ensure};
 use domvs_client::{Client, OutgoingFrame, Status, Task};
@@ -27,6 +28,9 @@ const CAPACITY_S: f64 = 1.0;
 const WARM_UP_S: f64 = 0.3;
 /// How often the echo is asked while the worker has its load.
 const BESIDE: Rate = Rate::Hz(30.0);
+
+/// What a worker gets to give memory back after its tasks were closed.
+const SETTLING: Duration = Duration::from_millis(500);
 
 /// How much is asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -206,6 +210,7 @@ impl Measurement<'_> {
             }
         }
         self.runtime.block_on(close(crowd))?;
+        std::thread::sleep(SETTLING);
         let closed = process.and_then(rss_mb);
         let memory = before.zip(started).zip(closed);
         let memory = memory.map(|((before, started), closed)| Memory { before, started, during, closed });

@@ -12,6 +12,9 @@ use crate::paint::Paint;
 use crate::report::number;
 use crate::report::plots::{Panel, Plot, Scale, Series, charts, write_plots};
 
+/// More lines than this in one panel leave no room for its title.
+const MOST_LINES: usize = 5;
+
 /// What every row has; a number that does not apply is null in JSON.
 #[derive(Clone, Debug, Serialize)]
 pub struct Common {
@@ -176,7 +179,7 @@ pub fn growth_panels<R: Row>(rows: &[R]) -> Vec<Panel> {
     panels
 }
 
-/// Lines of at least two different points, from left to right.
+/// Lines of at least two different points, from left to right; of many lines a few, the first and the last among them.
 fn series(rows: &[&Common], label: impl Fn(&Common) -> String, x: impl Fn(&Common) -> f64) -> Vec<Series> {
     let mut lines: Vec<Series> = Vec::new();
     for row in rows {
@@ -190,7 +193,10 @@ fn series(rows: &[&Common], label: impl Fn(&Common) -> String, x: impl Fn(&Commo
         line.points.sort_by(|a, b| a.0.total_cmp(&b.0));
     }
     lines.retain(|line| line.points.first().map(|point| point.0) != line.points.last().map(|point| point.0));
-    lines
+    let last = lines.len().saturating_sub(1);
+    let is_kept =
+        |index: usize| last < MOST_LINES || (0..MOST_LINES).any(|kept| kept * last / (MOST_LINES - 1) == index);
+    lines.into_iter().enumerate().filter_map(|(index, line)| is_kept(index).then_some(line)).collect()
 }
 
 fn panel(title: &str, x_label: &str, series: Vec<Series>) -> Option<Panel> {
@@ -201,4 +207,64 @@ fn panel(title: &str, x_label: &str, series: Vec<Series>) -> Option<Panel> {
         scale: Scale::Linear,
         series,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct OneRow(Common);
+
+    impl Serialize for OneRow {
+        fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+            self.0.serialize(serializer)
+        }
+    }
+
+    impl Row for OneRow {
+        const HEADINGS: &'static [&'static str] = &[];
+
+        fn common(&self) -> &Common {
+            &self.0
+        }
+
+        fn cells(&self) -> Vec<String> {
+            Vec::new()
+        }
+    }
+
+    fn row(pixels: usize, order: u16) -> OneRow {
+        OneRow(Common {
+            case: "cached",
+            size: format!("{pixels}x1"),
+            order,
+            method: "hahn",
+            depth: "map",
+            median_ms: 1.0,
+            p99_ms: 2.0,
+            mean_ms: 1.0,
+            frames_per_s: 1000.0,
+            gflops: None,
+            peak_fraction: Some(f64::NAN),
+            samples: 1,
+            pixels,
+        })
+    }
+
+    #[test]
+    fn only_what_was_varied_is_drawn_and_a_panel_has_room_for_its_title() {
+        assert!(growth_panels(&[row(10, 8)]).is_empty());
+        let sizes: Vec<OneRow> = (1..=9).flat_map(|size| [row(1000 * size, 4), row(1000 * size, 8)]).collect();
+        let panels = growth_panels(&sizes);
+        let lines: Vec<Vec<&str>> =
+            panels.iter().map(|panel| panel.series.iter().map(|line| line.label.as_str()).collect()).collect();
+        assert_eq!(lines, [vec!["l = 4", "l = 8"], vec!["1000x1", "3000x1", "5000x1", "7000x1", "9000x1"]]);
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_null() {
+        let text = json(&[row(10, 8)]).expect("JSON");
+        let read: serde_json::Value = serde_json::from_str(&text).expect("an array");
+        assert!(read[0]["gflops"].is_null() && read[0]["peak_fraction"].is_null() && read[0].get("pixels").is_none());
+    }
 }
