@@ -34,9 +34,7 @@ impl Multiplier {
 #[derive(Debug)]
 pub(crate) struct AlongV {
     rows: usize,
-    /// Blocks of image rows.
-    blocks: usize,
-    /// `[multiplier][m][block]`; zeros below the image.
+    /// `[block][multiplier][m]`, as they are needed together; zeros below the image.
     values: Vec<[f64; BLOCK]>,
     product: Vec<f64>,
 }
@@ -46,7 +44,7 @@ impl AlongV {
     pub(crate) fn new(basis: &Basis, rows: usize, camera: &Intrinsics) -> AlongV {
         let (height, blocks) = (basis.length(), basis.length().div_ceil(BLOCK));
         let values = vec![[0.0; BLOCK]; Multiplier::COUNT * rows * blocks];
-        let mut along_v = AlongV { rows, blocks, values, product: vec![0.0; height] };
+        let mut along_v = AlongV { rows, values, product: vec![0.0; height] };
         along_v.set(basis, camera);
         along_v
     }
@@ -64,11 +62,8 @@ impl AlongV {
                         _ => *q,
                     };
                 }
-                let [first, second] = [plain, by_parts].map(|multiplier| self.start(multiplier, m));
-                let height = self.product.len();
-                self.values[first..][..self.blocks].as_flattened_mut()[..height].copy_from_slice(&self.product);
-                let out = &mut self.values[second..][..self.blocks].as_flattened_mut()[..height];
-                transposed_differences(&self.product, out);
+                self.put(plain, m, |product, v| product[v]);
+                self.put(by_parts, m, transposed_difference);
             }
         }
     }
@@ -76,25 +71,28 @@ impl AlongV {
     /// One of them for `m`, in a block of image rows.
     #[inline(always)]
     pub(crate) fn of(&self, multiplier: Multiplier, m: usize, block: usize) -> &[f64; BLOCK] {
-        &self.values[self.start(multiplier, m) + block]
+        &self.values[self.place(multiplier, m, block)]
     }
 
-    fn start(&self, multiplier: Multiplier, m: usize) -> usize {
-        (multiplier as usize * self.rows + m) * self.blocks
+    fn put(&mut self, multiplier: Multiplier, m: usize, value: impl Fn(&[f64], usize) -> f64) {
+        for v in 0..self.product.len() {
+            let place = self.place(multiplier, m, v / BLOCK);
+            self.values[place][v % BLOCK] = value(&self.product, v);
+        }
+    }
+
+    fn place(&self, multiplier: Multiplier, m: usize, block: usize) -> usize {
+        (block * Multiplier::COUNT + multiplier as usize) * self.rows + m
     }
 }
 
-/// `out = Dᵀ f`: half of what stands above less half of what stands below, where the first and last of `f` count in full.
-fn transposed_differences(f: &[f64], out: &mut [f64]) {
+/// `(Dᵀ f)(v)`: half of what stands above less half of what stands below, where the first and last of `f` count in full.
+fn transposed_difference(f: &[f64], v: usize) -> f64 {
     let last = f.len() - 1;
-    for v in 1..last {
-        out[v] = 0.5 * (f[v - 1] - f[v + 1]);
-    }
-    // Of `f[0]` and `f[last]` the inner pixels have had half.
-    out[1] += 0.5 * f[0];
-    out[last - 1] -= 0.5 * f[last];
-    out[0] = -f[0] - 0.5 * f[1];
-    out[last] = 0.5 * f[last - 1] + f[last];
+    let whole_or_half = |v: usize| if v == 0 || v == last { f[v] } else { 0.5 * f[v] };
+    let from_above = if v == 0 { -f[0] } else { whole_or_half(v - 1) };
+    let from_below = if v == last { -f[last] } else { whole_or_half(v + 1) };
+    from_above - from_below
 }
 
 #[cfg(test)]
@@ -110,10 +108,8 @@ mod tests {
                 let (above, below) = (v.saturating_sub(1), (v + 1).min(height - 1));
                 (image[below] - image[above]) / (below - above) as f64
             };
-            let mut transposed = vec![0.0; height];
-            transposed_differences(&f, &mut transposed);
             let left: f64 = (0..height).map(|v| f[v] * slope(v)).sum();
-            let right: f64 = (0..height).map(|v| transposed[v] * image[v]).sum();
+            let right: f64 = (0..height).map(|v| transposed_difference(&f, v) * image[v]).sum();
             assert_eq!(left, right, "whole and half numbers, {height} rows");
         }
     }

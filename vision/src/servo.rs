@@ -143,10 +143,13 @@ impl<T: Sample> Servo<T> {
     pub fn step(&mut self, current: View<'_, T>) -> Result<Step, ServoError> {
         check_view(current, self.desired_image.size(), &self.law)?;
         self.weigh(current.depth)?;
-        let chosen = self.choose_rows(current.image)?;
+        let (chosen, pixel_mse) = self.choose_rows(current.image)?;
         let light_before = self.light_before(current, chosen)?;
 
-        let pixel_mse = self.pixel_mse(current.image, light_before)?;
+        let pixel_mse = match pixel_mse {
+            Some(pixel_mse) => finite(pixel_mse)?,
+            None => self.pixel_mse(current.image, light_before)?,
+        };
         let order_mse = self.order_mse(pixel_mse, current.image);
         let initial_mse = self.initial_mse.unwrap_or_else(|| self.initial(order_mse));
         let order = chosen.map_or(0, |_| order_rule(&self.law).order(order_mse, initial_mse));
@@ -225,7 +228,7 @@ impl<T: Sample> Servo<T> {
         self.weigh(&depth)?;
         let light = match self.law.light {
             Some(prior) => {
-                let chosen = self.choose_rows(image)?;
+                let (chosen, _) = self.choose_rows(image)?;
                 Some(self.guess_light(View { image, depth: &depth }, chosen, &prior)?)
             }
             None => None,
@@ -291,11 +294,17 @@ impl<T: Sample> Servo<T> {
         Ok(())
     }
 
-    fn choose_rows(&mut self, current: &Plane<T>) -> Result<Option<Chosen>, NoBrightness> {
+    /// Chooses the rows, by where the current image's brightness lies if the law follows that; the plain pixel error may come along.
+    fn choose_rows(&mut self, current: &Plane<T>) -> Result<(Option<Chosen>, Option<f64>), NoBrightness> {
+        let mut pixel_mse = None;
         if family::follows_images(&self.law) {
-            self.current_brightness.set_on(self.path, current, self.weights.plane());
+            let weight = self.weights.plane();
+            let desired = (weight.is_none() && self.law.light.is_none()).then_some(&self.desired_image);
+            let squares = self.current_brightness.set_beside(self.path, current, weight, desired);
+            pixel_mse = desired.map(|desired| squares / desired.samples().len() as f64);
         }
-        family::choose(&self.law, &self.current_brightness, &self.desired_brightness)
+        let chosen = family::choose(&self.law, &self.current_brightness, &self.desired_brightness)?;
+        Ok((chosen, pixel_mse))
     }
 
     /// The light that is known before this step: that of the last one, or on a first step the one that alone explains the pair best.

@@ -1,6 +1,6 @@
 //! Where an image's brightness lies, Eq. (14)–(16), (23), (24): what an adaptive window follows. The rules are each family's own.
 
-use fearless_simd::{Simd, SimdBase, dispatch};
+use fearless_simd::{Simd, SimdBase, SimdFloat, dispatch};
 
 use crate::image::Plane;
 use crate::path::Path;
@@ -57,27 +57,49 @@ impl Brightness {
 
     /// The sums of another image of the same size, in place; of its pixels times their weights, if there are any.
     pub fn set<T: Sample>(&mut self, image: &Plane<T>, weight: Option<&Plane<T>>) {
-        self.set_on(Path::best(), image, weight);
+        self.set_beside(Path::best(), image, weight, None);
     }
 
-    /// [`Brightness::set`] with these instructions.
-    pub(crate) fn set_on<T: Sample>(&mut self, path: Path, image: &Plane<T>, weight: Option<&Plane<T>>) {
+    /// [`Brightness::set`] with these instructions. With a desired image, whose weights are not asked for, returns `Σ (I - I*)²` as well: both
+    /// images pass through the cache once.
+    pub(crate) fn set_beside<T: Sample>(
+        &mut self,
+        path: Path,
+        image: &Plane<T>,
+        weight: Option<&Plane<T>>,
+        desired: Option<&Plane<T>>,
+    ) -> f64 {
         debug_assert_eq!(image.size(), [self.along_u.len(), self.along_v.len()]);
         self.along_u.fill(0.0);
-        dispatch!(path.level(), simd => self.add_rows(simd, image, weight));
+        let squares = dispatch!(path.level(), simd => self.add_rows(simd, image, weight, desired));
         self.total = self.along_v.iter().sum();
+        squares
     }
 
     /// Sums are `f64`: those of an image of 8-bit samples are exact, whatever their order.
     #[inline(always)]
-    fn add_rows<S: Simd, T: Sample>(&mut self, simd: S, image: &Plane<T>, weight: Option<&Plane<T>>) {
+    fn add_rows<S: Simd, T: Sample>(
+        &mut self,
+        simd: S,
+        image: &Plane<T>,
+        weight: Option<&Plane<T>>,
+        desired: Option<&Plane<T>>,
+    ) -> f64 {
+        let mut squares = 0.0;
         let (lanes, wide) = (T::Vector::<S>::LEN, S::f64s::LEN);
         let whole = image.width() - image.width() % lanes;
         for (v, along_v) in self.along_v.iter_mut().enumerate() {
             let (row, weights) = (image.row(v), weight.map(|weight| weight.row(v)));
-            let mut sums = [S::f64s::splat(simd, 0.0); 2];
+            let desired = desired.map(|desired| desired.row(v));
+            let (mut sums, mut row_squares) = ([S::f64s::splat(simd, 0.0); 2], [S::f64s::splat(simd, 0.0); 2]);
             for at in (0..whole).step_by(lanes) {
                 let mut samples = load(simd, row, at);
+                if let Some(desired) = desired {
+                    let differences = T::widened(simd, samples - load(simd, desired, at));
+                    for k in 0..T::WIDE {
+                        row_squares[k] = differences[k].mul_add(differences[k], row_squares[k]);
+                    }
+                }
                 if let Some(weights) = weights {
                     samples *= load(simd, weights, at);
                 }
@@ -89,12 +111,16 @@ impl Brightness {
                 }
             }
             *along_v = (sums[0] + sums[1]).reduce_sum();
+            squares += (row_squares[0] + row_squares[1]).reduce_sum();
             for u in whole..row.len() {
+                let difference = desired.map_or(0.0, |desired| (row[u] - desired[u]).to_f64());
+                squares += difference * difference;
                 let sample = weights.map_or(row[u], |weights| row[u] * weights[u]).to_f64();
                 self.along_u[u] += sample;
                 *along_v += sample;
             }
         }
+        squares
     }
 
     /// `[u_c, v_c]` in pixels.
