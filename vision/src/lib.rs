@@ -2,7 +2,7 @@
 //!
 //! Nothing here reads a file, a clock or a network. The files follow the data:
 //! `path → sample → row → image → camera → depth → twist → law → weights → noise → pixel error → window → family → order → dense → basis →
-//! projection → interaction → along v → table → sweep → moments → gram → light → planes → products → photometric → convolution → low rank → gaussian →
+//! projection → interaction → along v → table → plan → sweep → moments → gram → light → planes → products → photometric → convolution → low rank → gaussian →
 //! features → control → depth scale → servo`.
 //! [`Servo::step`] is the one function that calls the steps from top to bottom; start reading there.
 //! `docs/paper.md` maps the paper's equations to these files, its letters to these words, and numbers
@@ -68,6 +68,8 @@ pub mod interaction;
 mod along_v;
 
 mod table;
+
+mod plan;
 
 mod sweep;
 

@@ -13,9 +13,10 @@ use crate::gram::Gram;
 use crate::image::Plane;
 use crate::order::feature_count;
 use crate::path::Path;
+use crate::plan::Views;
 use crate::projection::Carriers;
 use crate::sample::Sample;
-use crate::sweep::{Sweep, Views};
+use crate::sweep::Sweep;
 use crate::table::{ERROR_AND_INTERACTION, FeatureTable, LIGHT};
 
 /// One feature of the last step: its error `e_nm` and its row of `L̂`.

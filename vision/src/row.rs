@@ -96,6 +96,68 @@ pub(crate) fn change<S: Simd, T: Sample>(
     }
 }
 
+/// `out = a - b`.
+#[inline(always)]
+pub(crate) fn difference<S: Simd, T: Sample>(simd: S, out: &mut [T], a: &[T], b: &[T]) {
+    each(
+        simd,
+        out,
+        [a, b],
+        #[inline(always)]
+        |[a, b]| a - b,
+    );
+}
+
+/// `out = a b`.
+#[inline(always)]
+pub(crate) fn product<S: Simd, T: Sample>(simd: S, out: &mut [T], a: &[T], b: &[T]) {
+    each(
+        simd,
+        out,
+        [a, b],
+        #[inline(always)]
+        |[a, b]| a * b,
+    );
+}
+
+/// `out = ½(out + other)`.
+#[inline(always)]
+pub(crate) fn take_mean<S: Simd, T: Sample>(simd: S, out: &mut [T], other: &[T]) {
+    let half = T::from_f64(0.5);
+    change(
+        simd,
+        out,
+        other,
+        #[inline(always)]
+        |own, other| (own + other) * half,
+    );
+}
+
+/// `plane = plane weight`.
+#[inline(always)]
+pub(crate) fn multiply<S: Simd, T: Sample>(simd: S, plane: &mut [T], weight: &[T]) {
+    change(
+        simd,
+        plane,
+        weight,
+        #[inline(always)]
+        |plane, weight| plane * weight,
+    );
+}
+
+/// `out = ½(a[0] b[0] + a[1] b[1])`.
+#[inline(always)]
+pub(crate) fn mean_product<S: Simd, T: Sample>(simd: S, out: &mut [T], a: [&[T]; 2], b: [&[T]; 2]) {
+    let half = T::from_f64(0.5);
+    each(
+        simd,
+        out,
+        [a[0], b[0], a[1], b[1]],
+        #[inline(always)]
+        |[a0, b0, a1, b1]| (a0 * b0 + a1 * b1) * half,
+    );
+}
+
 /// As many samples as a vector holds, from `row[first..]`; zeros behind its end.
 #[inline(always)]
 pub(crate) fn load<S: Simd, T: Sample>(simd: S, row: &[T], first: usize) -> T::Vector<S> {
