@@ -158,17 +158,17 @@ def memory(folder):
             rss = row["worker_rss_mb"]
             if rss:
                 during = rss["during"]
-                lines.append([f"{row['tasks']} tasks ({name})"] + [short(number) for number in
+                lines.append([f"{row['tasks']} ({name})"] + [short(number) for number in
                               (rss["before"], rss["started"], during["begin"], during["peak"], during["end"], rss["closed"])])
-    return table(["MB", "no task yet", "started", "first frames", "peak", "last frames", "all closed"], lines)
+    return table(["tasks", "no task yet", "started", "first frames", "peak", "last frames", "all closed"], lines)
 
 
 def cores(folder):
     lines = []
     for one, two in zip(rows_of(folder, "one-core/load.json"), rows_of(folder, "two-cores/load.json")):
-        lines.append([f"{one['tasks']} tasks", short(one["frames_per_s"]), short(two["frames_per_s"]),
+        lines.append([f"{one['tasks']} at l = {one['order']}", short(one["frames_per_s"]), short(two["frames_per_s"]),
                       short(two["frames_per_s"] / one["frames_per_s"])])
-    return table(["640x480, l = 8, constant depth", "twists/s on one core", "on two", "ratio"], lines)
+    return table(["tasks, 640x480, constant depth", "twists/s on one core", "on two", "ratio"], lines)
 
 
 TABLES = [machine, budget, methods, options, growth, per_pixel, paths, numpy, roundtrip, load, memory, cores]
