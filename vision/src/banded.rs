@@ -145,7 +145,10 @@ impl<T: Sample> Tiles<T> {
         for sign in [1.0, -1.0] {
             let mut rows: Vec<BandedRow> = rows.iter().filter(|row| row.sign == sign).cloned().collect();
             rows.sort_by_key(|row| row.first);
-            tiles.extend(rows.chunks(ROWS).map(|rows| Tile::of(rows, sign)));
+            // Rows that do not meet, as those of both ends, are not put together: all between them would be zeros.
+            for meeting in rows.chunk_by(|row, next| next.first < row.end()) {
+                tiles.extend(meeting.chunks(ROWS).map(|rows| Tile::of(rows, sign)));
+            }
             while !tiles.len().is_multiple_of(multiple) {
                 tiles.push(Tile::of(&[], sign));
             }
@@ -181,6 +184,14 @@ mod tests {
 
     use super::*;
     use crate::path::Path;
+
+    #[test]
+    fn rows_at_either_end_stay_in_tiles_of_their_own() {
+        let row = |first: usize| BandedRow { first, values: vec![1.0; 9], sign: -1.0 };
+        let tiles = Tiles::<f64>::new(&[row(0), row(300), row(2), row(303)], 1);
+        let pixels: Vec<Range<usize>> = tiles.all().iter().map(Tile::pixels).collect();
+        assert_eq!(pixels, [0..11, 300..312]);
+    }
 
     #[test]
     fn tiles_gather_what_the_rows_say_block_by_block_on_every_path() {
