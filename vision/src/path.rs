@@ -37,7 +37,7 @@ impl Path {
         Path::available().into_iter().find(|path| path.word() == word)
     }
 
-    /// `avx512`, `avx2` (with fused multiply-add), `sse4.2`, `sse2`, `neon`, or `plain`.
+    /// `avx512`, `avx2` (with fused multiply-add), `sse4.2`, `sse2`, `neon`, or `fallback`.
     pub fn word(self) -> &'static str {
         match self.0 {
             #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
@@ -50,7 +50,7 @@ impl Path {
             Level::Sse2(_) => "sse2",
             #[cfg(target_arch = "aarch64")]
             Level::Neon(_) => "neon",
-            _ => "plain",
+            _ => "fallback",
         }
     }
 
