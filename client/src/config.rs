@@ -22,7 +22,7 @@ const FRAGMENT_WAIT_US: u64 = 200_000;
 
 /// The Zenoh configuration of a client.
 ///
-/// A file is taken as it is; `endpoints` (like `tcp/192.168.1.5:7447`), when there are any, replace those in it.
+/// A file is taken as it is, but that a router which scouts nobody does not wait for anybody either; `endpoints` (like `tcp/192.168.1.5:7447`), when there are any, replace those in it.
 /// Without a file the built-in settings apply, and without an endpoint either, [`DEFAULT_ENDPOINT`].
 ///
 /// # Errors
@@ -35,11 +35,20 @@ pub fn zenoh_config(file: Option<&Path>, endpoints: &[String]) -> Result<Config,
             if !endpoints.is_empty() {
                 insert(&mut config, "connect/endpoints", json!(endpoints))?;
             }
+            if is_idle_wait(&config) {
+                insert(&mut config, "scouting/delay", json!(0))?;
+            }
             Ok(config)
         }
         None if endpoints.is_empty() => built_in(&[DEFAULT_ENDPOINT.to_string()]),
         None => built_in(endpoints),
     }
+}
+
+/// Whether Zenoh would spend its scouting delay on nothing: a router's half second, when the file neither names one nor scouts.
+fn is_idle_wait(config: &Config) -> bool {
+    let is = |key: &str, json: &str| config.get_json(key).is_ok_and(|text| text == json);
+    is("mode", r#""router""#) && is("scouting/multicast/enabled", "false") && is("scouting/delay", "null")
 }
 
 fn built_in(endpoints: &[String]) -> Result<Config, ClientError> {
@@ -85,6 +94,20 @@ mod tests {
     fn without_anything_the_local_router_is_meant() {
         let config = zenoh_config(None, &[]).expect("valid");
         assert_eq!(setting(&config, "connect/endpoints"), json!([DEFAULT_ENDPOINT]));
+    }
+
+    #[test]
+    fn a_router_that_scouts_nobody_waits_for_nobody() {
+        let delay = |json5: &str| {
+            let file = std::env::temp_dir().join(format!("domvs-config-{}.json5", std::process::id()));
+            std::fs::write(&file, json5).expect("a writable folder");
+            let config = zenoh_config(Some(&file), &[]).expect("valid");
+            std::fs::remove_file(&file).expect("it was there");
+            setting(&config, "scouting/delay")
+        };
+        assert_eq!(delay(r#"{ mode: "router", scouting: { multicast: { enabled: false } } }"#), json!(0));
+        assert_eq!(delay(r#"{ mode: "router", scouting: { delay: 70, multicast: { enabled: false } } }"#), json!(70));
+        assert_eq!(delay(r#"{ mode: "router" }"#), Value::Null);
     }
 
     #[test]

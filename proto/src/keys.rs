@@ -286,6 +286,12 @@ impl Keys {
         }
     }
 
+    /// The same as they stand in the key, `<cid>/<id>` not checked: for looking a task up without building anything.
+    pub fn split_task<'k>(&self, key: &'k str) -> Option<(&'k str, Leaf)> {
+        let (task, last) = key.strip_prefix(&self.prefix)?.strip_prefix("/task/")?.rsplit_once('/')?;
+        Some((task, Leaf::ALL.into_iter().find(|leaf| leaf.as_str() == last)?))
+    }
+
     /// The chunks after the prefix; nothing when the key is not under it.
     fn chunks<'k>(&self, key: &'k str) -> Option<Vec<&'k str>> {
         let rest = key.strip_prefix(&self.prefix)?.strip_prefix('/')?;

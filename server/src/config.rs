@@ -38,7 +38,7 @@ pub struct Limits {
     pub tasks_per_client: usize,
     /// Pixels of one image; a larger one is refused before it is decoded.
     pub pixels_per_frame: usize,
-    /// Bytes of one payload.
+    /// Bytes of one payload, and of all twist requests that wait for one task.
     pub bytes_per_payload: usize,
 }
 

@@ -134,8 +134,8 @@ fn request_twist(desk: &Arc<Desk>, query: Query) {
     lock(&desk.board).frame_arrived(received);
     let refused = match query.payload().map_or(0, zenoh::bytes::ZBytes::len) {
         size if size > shared.config.limits.bytes_per_payload => Some((query, Status::BadFrame)),
-        _ => {
-            let full = desk.mailbox.push_request(TwistRequest { query, received });
+        size => {
+            let full = desk.mailbox.push_request(TwistRequest { query, received }, size);
             full.err().map(|request| (request.query, Status::Overloaded))
         }
     };

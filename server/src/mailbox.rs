@@ -3,7 +3,8 @@
 //!
 //! Zenoh callbacks run on the session's receive path, so they only put things here and return. Nothing blocks
 //! and nothing grows: an order or a request that finds its queue full comes back to the caller, a frame
-//! replaces the one that waited and the loss is counted.
+//! replaces the one that waited and the loss is counted. Requests are bounded in bytes as well: all that wait have no more than
+//! the largest single one may have.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -23,6 +24,8 @@ pub enum Item<O, R, F> {
 #[derive(Debug)]
 pub struct Mailbox<O, R, F> {
     depth: usize,
+    /// Of all requests together, unless there is only one.
+    most_bytes: usize,
     slots: Mutex<Slots<O, R, F>>,
 }
 
@@ -30,22 +33,25 @@ pub struct Mailbox<O, R, F> {
 struct Slots<O, R, F> {
     urgent: VecDeque<O>,
     orders: VecDeque<O>,
-    requests: VecDeque<R>,
+    /// Each with its bytes.
+    requests: VecDeque<(R, usize)>,
+    request_bytes: usize,
     frame: Option<F>,
     frame_goes_next: bool,
 }
 
 impl<O, R, F> Mailbox<O, R, F> {
-    /// A mailbox that holds `depth` urgent orders, `depth` other orders, `depth` requests and one frame.
-    pub fn new(depth: usize) -> Mailbox<O, R, F> {
+    /// A mailbox that holds `depth` urgent orders, `depth` other orders, `depth` requests of `most_bytes` together and one frame.
+    pub fn new(depth: usize, most_bytes: usize) -> Mailbox<O, R, F> {
         let slots = Slots {
             urgent: VecDeque::with_capacity(depth),
             orders: VecDeque::with_capacity(depth),
             requests: VecDeque::with_capacity(depth),
+            request_bytes: 0,
             frame: None,
             frame_goes_next: false,
         };
-        Mailbox { depth, slots: Mutex::new(slots) }
+        Mailbox { depth, most_bytes, slots: Mutex::new(slots) }
     }
 
     /// Adds an order that goes before all others and has room of its own, or gives it back when even that is full.
@@ -58,9 +64,16 @@ impl<O, R, F> Mailbox<O, R, F> {
         push(&mut self.lock().orders, order, self.depth)
     }
 
-    /// Adds a twist request, or gives it back when the queue is full.
-    pub fn push_request(&self, request: R) -> Result<(), R> {
-        push(&mut self.lock().requests, request, self.depth)
+    /// Adds a twist request of `bytes`, or gives it back when the queue is full.
+    pub fn push_request(&self, request: R, bytes: usize) -> Result<(), R> {
+        let mut slots = self.lock();
+        let together = slots.request_bytes.saturating_add(bytes);
+        if !slots.requests.is_empty() && together > self.most_bytes {
+            return Err(request);
+        }
+        push(&mut slots.requests, (request, bytes), self.depth).map_err(|(request, _)| request)?;
+        slots.request_bytes = together;
+        Ok(())
     }
 
     /// Puts the newest frame into its slot and returns the one that it replaces.
@@ -80,7 +93,11 @@ impl<O, R, F> Mailbox<O, R, F> {
         let frame_first = slots.frame_goes_next || slots.requests.is_empty();
         let item = match slots.frame.take_if(|_| frame_first) {
             Some(frame) => Item::Frame(frame),
-            None => Item::Request(slots.requests.pop_front()?),
+            None => {
+                let (request, bytes) = slots.requests.pop_front()?;
+                slots.request_bytes -= bytes;
+                Item::Request(request)
+            }
         };
         slots.frame_goes_next = matches!(item, Item::Request(_));
         Some(item)
@@ -95,7 +112,8 @@ impl<O, R, F> Mailbox<O, R, F> {
     /// Takes out every image that waits, for a worker that was away too long to use them.
     pub fn discard_images(&self) -> (Vec<R>, Option<F>) {
         let mut slots = self.lock();
-        (slots.requests.drain(..).collect(), slots.frame.take())
+        slots.request_bytes = 0;
+        (slots.requests.drain(..).map(|(request, _)| request).collect(), slots.frame.take())
     }
 
     fn lock(&self) -> MutexGuard<'_, Slots<O, R, F>> {
@@ -117,7 +135,7 @@ mod tests {
     use super::*;
 
     fn mailbox() -> Mailbox<&'static str, u32, u32> {
-        Mailbox::new(2)
+        Mailbox::new(2, 100)
     }
 
     #[test]
@@ -133,8 +151,8 @@ mod tests {
     fn orders_come_first_and_requests_alternate_with_frames() {
         let mailbox = mailbox();
         mailbox.put_frame(10);
-        mailbox.push_request(1).expect("room");
-        mailbox.push_request(2).expect("room");
+        mailbox.push_request(1, 10).expect("room");
+        mailbox.push_request(2, 10).expect("room");
         mailbox.push_order("stop").expect("room");
         assert_eq!(mailbox.take(), Some(Item::Order("stop")));
         assert_eq!(mailbox.take(), Some(Item::Request(1)));
@@ -159,11 +177,22 @@ mod tests {
     fn a_full_queue_gives_the_request_back() {
         let mailbox = mailbox();
         assert_eq!(
-            (mailbox.push_request(1), mailbox.push_request(2), mailbox.push_request(3)),
+            (mailbox.push_request(1, 10), mailbox.push_request(2, 10), mailbox.push_request(3, 10)),
             (Ok(()), Ok(()), Err(3))
         );
         mailbox.put_frame(7);
         assert_eq!(mailbox.discard_images(), (vec![1, 2], Some(7)));
         assert!(!mailbox.has_items());
+    }
+
+    #[test]
+    fn large_requests_wait_only_as_far_as_their_bytes_go_and_one_always_does() {
+        let mailbox = mailbox();
+        assert_eq!((mailbox.push_request(1, 500), mailbox.push_request(2, 1)), (Ok(()), Err(2)));
+        assert_eq!(mailbox.take(), Some(Item::Request(1)));
+        assert_eq!((mailbox.push_request(3, 60), mailbox.push_request(4, 41)), (Ok(()), Err(4)));
+        assert_eq!(mailbox.push_request(5, 40), Ok(()));
+        assert_eq!(mailbox.discard_images(), (vec![3, 5], None));
+        assert_eq!(mailbox.push_request(6, 100), Ok(()));
     }
 }

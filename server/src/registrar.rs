@@ -100,9 +100,9 @@ impl Registrar {
         let internal = |error: zenoh::Error| ErrorReply::new(ErrorCode::Internal, error);
         let desk = Arc::new(new_desk(shared, client, &settings).map_err(internal)?);
         // Known before it can be asked, so nobody hears that there is no such task.
-        lock(&shared.desks).insert(desk.key.clone(), Arc::clone(&desk));
+        lock(&shared.desks).insert(desk.key.to_string(), Arc::clone(&desk));
         let endpoints = Endpoints::declare(&desk, &settings.frames).map_err(|error| {
-            lock(&shared.desks).remove(&desk.key);
+            lock(&shared.desks).remove(&desk.key.to_string());
             internal(error)
         })?;
         let reply = CreateReply { task: desk.key.clone(), epoch: desk.epoch, secret: desk.secret.clone() };
@@ -115,7 +115,7 @@ impl Registrar {
     fn check_quota(&self, client: &Name) -> Result<(), ErrorReply> {
         let desks = lock(&self.shared.desks);
         let limits = &self.shared.config.limits;
-        let of_client = desks.keys().filter(|task| task.client == *client).count();
+        let of_client = desks.values().filter(|desk| desk.key.client == *client).count();
         let quota = |what: &str, limit: usize| {
             Err(ErrorReply::new(ErrorCode::Quota, format!("{what} may have {limit} tasks, and has them")))
         };
@@ -166,7 +166,7 @@ impl Registrar {
     }
 
     fn close(&mut self, task: &TaskKey) {
-        let Some(desk) = lock(&self.shared.desks).remove(task) else { return };
+        let Some(desk) = lock(&self.shared.desks).remove(&task.to_string()) else { return };
         desk.closing.store(true, Ordering::Release);
         lock(&desk.outlet).halt(Some(Status::Stopped), self.shared.now());
         self.endpoints.remove(task);
@@ -191,7 +191,7 @@ fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zeno
         publications: Publications::declare(&shared.session, &shared.keys, &key)?,
         outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?)),
         board: Mutex::new(Board::new(key.clone(), epoch, born)),
-        mailbox: Mailbox::new(shared.config.mailbox_depth),
+        mailbox: Mailbox::new(shared.config.mailbox_depth, shared.config.limits.bytes_per_payload),
         task: Mutex::new(task),
         secret: Secret::new(rand::random()),
         shared: Arc::clone(shared),

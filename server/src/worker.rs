@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
-use domvs_proto::keys::{Keys, Name, TaskKey};
+use domvs_proto::keys::{Keys, Name};
 use domvs_proto::messages::WorkerInfo;
 use domvs_proto::status::Status;
 use zenoh::Session;
@@ -79,7 +79,8 @@ pub(crate) struct Shared {
     pub(crate) session: Session,
     pub(crate) pool: Pool,
     pub(crate) recorder: Option<Recorder>,
-    pub(crate) desks: Mutex<HashMap<TaskKey, Arc<Desk>>>,
+    /// By `client/id`, as it stands in a key: every query is looked up here.
+    pub(crate) desks: Mutex<HashMap<String, Arc<Desk>>>,
     clients: Mutex<HashSet<Name>>,
     jobs: flume::Sender<Job>,
     origin: Instant,
@@ -191,8 +192,8 @@ impl Shared {
 
     /// Whether a key under `task` belongs to nobody here. With a wildcard somebody is gathering; silence is right then.
     fn is_unclaimed(&self, key: &KeyExpr<'_>) -> bool {
-        let ours = |(task, _)| lock(&self.desks).contains_key(&task);
-        !key.is_wild() && !self.keys.parse_task(key.as_str()).is_some_and(ours)
+        let ours = |(task, _)| lock(&self.desks).contains_key(task);
+        !key.is_wild() && !self.keys.split_task(key.as_str()).is_some_and(ours)
     }
 
     pub(crate) fn client_is_alive(&self, client: &Name) -> bool {

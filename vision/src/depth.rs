@@ -136,6 +136,7 @@ impl<T: Sample> DepthMap<T> {
         }
         let width = self.inverse_per_m.width();
         let rows = self.inverse_per_m.samples_mut().chunks_exact_mut(width).zip(self.holes.chunks_exact_mut(width));
+        // Each depth comes out the same on every path, so the widest one will do.
         let path = Path::best();
         self.unknown = 0;
         for (inverse, holes) in rows {
@@ -147,9 +148,7 @@ impl<T: Sample> DepthMap<T> {
                 HoleFill::Constant(depth_m) => T::from_f64(1.0 / depth_m),
                 HoleFill::Median => self.median_per_m()?,
             };
-            for (inverse, is_hole) in self.inverse_per_m.samples_mut().iter_mut().zip(&self.holes) {
-                *inverse = if *is_hole { fill_per_m } else { *inverse };
-            }
+            dispatch!(path.level(), _ => fill_holes(self.inverse_per_m.samples_mut(), &self.holes, fill_per_m));
         }
         Ok(())
     }
@@ -198,6 +197,13 @@ fn invert<T: Sample>(depth_m: &[T], inverse_per_m: &mut [T], holes: &mut [bool])
         unknown += u32::from(!known);
     }
     unknown as usize
+}
+
+#[inline(always)]
+fn fill_holes<T: Sample>(inverse_per_m: &mut [T], holes: &[bool], fill_per_m: T) {
+    for (inverse, is_hole) in inverse_per_m.iter_mut().zip(holes) {
+        *inverse = if *is_hole { fill_per_m } else { *inverse };
+    }
 }
 
 /// Whether a depth and its inverse are both positive, finite numbers.

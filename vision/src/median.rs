@@ -4,6 +4,9 @@
 //! them, which are few; the rank is then found among these. Where the bounds miss it, which coherent images hardly ever do, all
 //! values are searched: the result is the same, exactly.
 
+use fearless_simd::dispatch;
+
+use crate::path::Path;
 use crate::sample::Sample;
 
 /// About how many values are sampled.
@@ -17,7 +20,7 @@ const GROUP: usize = 64;
 /// `room` is cleared; nothing is allocated if it has room for all values.
 pub(crate) fn select<T: Sample>(values: &[T], left_out: &[bool], [rank, kept]: [usize; 2], room: &mut Vec<T>) -> T {
     bounds(values, left_out, rank as f64 / kept as f64, room)
-        .and_then(|bounds| between(values, left_out, rank, bounds, room))
+        .and_then(|bounds| dispatch!(Path::best().level(), _ => between(values, left_out, rank, bounds, room)))
         .unwrap_or_else(|| {
             room.clear();
             room.extend(values.iter().zip(left_out).filter(|(_, out)| !**out).map(|(value, _)| *value));
@@ -41,6 +44,7 @@ fn bounds<T: Sample>(values: &[T], left_out: &[bool], rank: f64, room: &mut Vec<
 }
 
 /// The value of this rank if it lies within the bounds.
+#[inline(always)]
 fn between<T: Sample>(
     values: &[T],
     left_out: &[bool],

@@ -95,6 +95,7 @@ fn router(endpoint: &str) -> zenoh::Config {
         ("listen/endpoints", &listen),
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "false"),
+        ("scouting/delay", "0"),
     ];
     for (key, value) in settings {
         config.insert_json5(key, value).expect("a Zenoh setting");

@@ -59,6 +59,7 @@ fn what_is_built_is_parsed_again() {
         assert_eq!(keys.parse_owner(&keys.owner(&task(), &w, u32::MAX)), Some((task(), w, u32::MAX)));
         for leaf in Leaf::ALL {
             assert_eq!(keys.parse_task(&keys.task(&task(), leaf)), Some((task(), leaf)));
+            assert_eq!(keys.split_task(&keys.task(&task(), leaf)), Some((task().to_string().as_str(), leaf)));
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use domvs_proto::frame::{DepthFormat, FrameHeader};
 use domvs_vision::Plane;
+use fearless_simd::{Level, dispatch};
 
 use super::gray::convert;
 use crate::payload::Payload;
@@ -42,13 +43,14 @@ impl<'a> DepthRows<'a> {
         let row_bytes = size[0] * format.bytes_per_pixel() as usize;
         let mut reader = payload.reader();
         reader.skip(offset);
+        let level = Level::new();
         move |metres| {
             let row = reader.take(row_bytes, seam);
-            match format {
+            dispatch!(level, _ => match format {
                 DepthFormat::None => {}
                 DepthFormat::U16 => convert(metres, row, |count| f32::from(u16::from_le_bytes(*count)) * unit_m),
                 DepthFormat::F32 => convert(metres, row, |count| f32::from_le_bytes(*count) * unit_m),
-            }
+            });
         }
     }
 

@@ -1,7 +1,10 @@
 //! Samples → gray, one formula per format, row by row. Lengths were checked before; rows may be padded.
+//!
+//! Rows are worked on with the widest instructions of the machine, as the law's kernels are; each sample comes out the same on all of them.
 
 use domvs_proto::frame::PixelFormat;
 use domvs_vision::Plane;
+use fearless_simd::{Level, dispatch};
 use image::ColorType;
 
 use crate::payload::Reader;
@@ -67,11 +70,14 @@ fn fill<'a, const N: usize, I: Iterator<Item = &'a [u8]>>(
     mut rows: Rows<'a, I>,
     sample: impl Fn(&[u8; N]) -> f32,
 ) -> Found {
-    let mut found = Found::default();
+    let (mut found, level) = (Found::default(), Level::new());
     let width = image.width();
     for to in image.samples_mut().chunks_exact_mut(width) {
-        convert(to, rows.next(), &sample);
-        found.sums.add_row(to);
+        let from = rows.next();
+        dispatch!(level, _ => {
+            convert(to, from, &sample);
+            found.sums.add_row(to);
+        });
     }
     found
 }
@@ -82,21 +88,25 @@ fn fill_finite<'a, const N: usize, I: Iterator<Item = &'a [u8]>>(
     mut rows: Rows<'a, I>,
     sample: impl Fn(&[u8; N]) -> f32,
 ) -> Found {
-    let mut found = Found::default();
+    let (mut found, level) = (Found::default(), Level::new());
     let width = image.width();
     for to in image.samples_mut().chunks_exact_mut(width) {
-        convert(to, rows.next(), &sample);
-        let finite = to.iter().filter(|gray| gray.is_finite()).count();
+        let from = rows.next();
+        let finite = dispatch!(level, _ => {
+            convert(to, from, &sample);
+            to.iter().filter(|gray| gray.is_finite()).count()
+        });
         if finite < width {
             found.replaced += width - finite;
             to.iter_mut().filter(|gray| !gray.is_finite()).for_each(|gray| *gray = 0.0);
         }
-        found.sums.add_row(to);
+        dispatch!(level, _ => found.sums.add_row(to));
     }
     found
 }
 
 /// A row of samples from a row of pixels of `N` bytes each, with or without padding behind.
+#[inline(always)]
 pub(super) fn convert<const N: usize>(to: &mut [f32], from: &[u8], sample: impl Fn(&[u8; N]) -> f32) {
     let (pixels, _) = from.as_chunks::<N>();
     for (to, pixel) in to.iter_mut().zip(pixels) {

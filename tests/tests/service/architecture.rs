@@ -51,6 +51,6 @@ fn nothing_depends_on_the_command_line() {
 fn the_paper_knows_no_network_no_image_files_and_no_serialisation() {
     let all = dependencies();
     let of = |package: &str| all[package].iter().map(String::as_str).collect::<Vec<_>>();
-    assert_eq!(of("domvs-vision"), ["nalgebra", "thiserror"]);
+    assert_eq!(of("domvs-vision"), ["fearless_simd", "nalgebra", "thiserror"]);
     assert_eq!(of("domvs-proto"), ["base64", "serde", "serde_json", "thiserror"]);
 }

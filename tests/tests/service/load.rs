@@ -1,16 +1,18 @@
 //! More than a worker can do: every request is answered, at once if not with a twist, and the newest pushed frame wins.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use domvs_client::{ImageFile, OutgoingFrame};
 use domvs_proto::frame::FrameHeader;
 use domvs_proto::settings::Depth;
 use domvs_server::ServerConfig;
+use domvs_server::config::Limits;
 use image::ExtendedColorType;
 
 use crate::support::{
     Answer, Client, ErrorCode, Following, LIMIT, Question, Scene, Stage, Status, Task, TaskSettings, ZEROS, gray8,
-    in_time, next_status, png, started,
+    in_time, next_status, png, push, started,
 };
 
 /// Requests at once; a mailbox holds four.
@@ -113,6 +115,70 @@ async fn of_many_pushed_frames_the_newest_wins_and_the_others_are_counted() {
     let sequences: Vec<u64> =
         following.drain().into_iter().filter(|message| message.is_servoing()).map(|message| message.sequence).collect();
     assert!(!sequences.is_empty() && sequences.is_sorted_by(|a, b| a < b), "in order and once: {sequences:?}");
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn of_too_many_pushed_frames_each_is_used_or_counted_and_none_waits_for_long() {
+    let stage = Stage::with(ServerConfig { threads: 1, ..ServerConfig::default() }).await;
+    let client = stage.client("alice").await;
+    let (task, frame) = slow(&client).await;
+    // A second picture, so that the camera does not look frozen.
+    let mut scene = Scene::new("coffee", [512, 512], [0.03, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    let file = png(&gray8(&scene.simulation.capture()), [512, 512], ExtendedColorType::L8);
+    let other = OutgoingFrame::file(ImageFile::Png, file).expect("not empty");
+    let following = Following::on(client.session(), stage.keys.command(task.key())).await;
+    for sequence in 1..=3 * REQUESTS {
+        let frame = if sequence % 2 == 0 { &frame } else { &other };
+        task.push(&frame.clone().numbered(sequence, 0)).await.expect("open");
+    }
+    // A queue that grew would still be worked off: what comes last is answered although most were not.
+    let last = 3 * REQUESTS + 1;
+    let answer = push(&task, &following, &frame.numbered(last, 0)).await;
+    assert!(answer.is_servoing(), "{answer:?}");
+    let mut statuses = task.statuses().await.expect("followed");
+    let status = next_status(&mut statuses, "every frame is accounted for", |message| {
+        let dropped = message.frames_dropped;
+        message.sequence == last && message.frames_in == message.twists + dropped.superseded + dropped.stale
+    })
+    .await;
+    assert!(status.frames_dropped.superseded > 0, "{status:?}");
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn twenty_tasks_that_never_rest_get_fair_shares() {
+    const TASKS: usize = 20;
+    /// Requests of one task that are on their way at any time; its mailbox holds four.
+    const AT_ONCE: usize = 3;
+    let limits = Limits { tasks_per_client: TASKS, ..Limits::default() };
+    let stage = Stage::with(ServerConfig { threads: 1, limits, ..ServerConfig::default() }).await;
+    let client = stage.client("alice").await;
+    let mut tasks = vec![];
+    for _ in 0..TASKS {
+        let (task, frame) = slow(&client).await;
+        tasks.push((Arc::new(task), frame));
+    }
+    let answered: Arc<[AtomicUsize; TASKS]> = Arc::default();
+    let mut asking = vec![];
+    for (number, (task, frame)) in tasks.iter().enumerate() {
+        for _ in 0..AT_ONCE {
+            let (task, frame, answered) = (task.clone(), frame.clone(), answered.clone());
+            asking.push(tokio::spawn(async move {
+                while answered.iter().map(|count| count.load(Relaxed)).sum::<usize>() < 30 * TASKS {
+                    let answer = task.twist(&frame).await.expect("answered");
+                    assert!(answer.is_servoing(), "{answer:?}");
+                    answered[number].fetch_add(1, Relaxed);
+                }
+            }));
+        }
+    }
+    for asking in asking {
+        in_time("the shares", asking).await.expect("no request fails");
+    }
+    let shares: Vec<usize> = answered.iter().map(|count| count.load(Relaxed)).collect();
+    let (least, most) = (shares.iter().min().expect("twenty"), shares.iter().max().expect("twenty"));
+    assert!(10 * least >= 8 * most, "{shares:?}");
     stage.close().await;
 }
 

@@ -133,6 +133,7 @@ fn router_config(endpoint: &str) -> Config {
         ("listen/endpoints", format!("[{endpoint:?}]")),
         ("scouting/multicast/enabled", "false".to_owned()),
         ("scouting/gossip/enabled", "false".to_owned()),
+        ("scouting/delay", "0".to_owned()),
     ] {
         config.insert_json5(key, &value).expect("a known key");
     }
