@@ -3,7 +3,7 @@
 //! take by themselves.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
 use domvs_client::{Client, OutgoingFrame, Status, Task};
@@ -31,6 +31,8 @@ const BESIDE: Rate = Rate::Hz(30.0);
 
 /// What a worker gets to give memory back after its tasks were closed.
 const SETTLING: Duration = Duration::from_millis(500);
+/// What it gets to let go of them.
+const CLOSING: Duration = Duration::from_secs(5);
 
 /// How much is asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -209,7 +211,7 @@ impl Measurement<'_> {
                 during = during.zip(seen).map(|(before, seen)| before.and(seen)).or(during).or(seen);
             }
         }
-        self.runtime.block_on(close(crowd))?;
+        self.runtime.block_on(close(crowd, process))?;
         std::thread::sleep(SETTLING);
         let closed = process.and_then(rss_mb);
         let memory = before.zip(started).zip(closed);
@@ -333,14 +335,17 @@ fn total(all: &[Heard]) -> Heard {
     total
 }
 
-/// Closes the tasks and the sessions; when this returns, the worker has let go of them.
-async fn close(crowd: Crowd) -> anyhow::Result<()> {
+/// Closes the tasks and the sessions; when this returns, a worker of our own has let go of them. Any other may have the tasks of others.
+async fn close(crowd: Crowd, process: Option<u32>) -> anyhow::Result<()> {
     for task in crowd.workers {
         Arc::into_inner(task).context("every camera has ended")?.close().await?;
     }
-    if let Some(client) = crowd.clients.first() {
+    if let Some(client) = crowd.clients.first().filter(|_| process.is_some()) {
         // The worker answers for its tasks until the last of their buffers is gone.
-        while client.list_workers().await?.first().is_some_and(|worker| worker.tasks > 0) {}
+        let begin = Instant::now();
+        while let Some(worker) = client.list_workers().await?.first().filter(|worker| worker.tasks > 0) {
+            ensure!(begin.elapsed() < CLOSING, "{} closed tasks are still there after {CLOSING:?}", worker.tasks);
+        }
     }
     drop(crowd.echoes);
     for client in crowd.clients {
