@@ -18,7 +18,7 @@ const MOST_LINES: usize = 5;
 /// What every row has; a number that does not apply is null in JSON.
 #[derive(Clone, Debug, Serialize)]
 pub struct Common {
-    /// `moved`, `cached`, `echo`, `load` or `echo_load`.
+    /// `moved`, `cached`, `echo` or `load`.
     pub case: &'static str,
     /// `640x480`.
     pub size: String,

@@ -45,8 +45,7 @@ gflops counts two operations for each multiply-add of the sums in the equations,
 peak_gflops is what one core did in the same run with nothing but multiply-adds in registers.
 
 The JSON objects have case, size, order, method, depth, median_ms, p99_ms, mean_ms, min_ms, frames_per_s, gflops, peak_fraction, \
-peak_gflops, path, samples, window_moves, bases_per_step, desired_sweeps_per_step (both counted, not assumed) and multiply_adds; gflops and \
-peak_fraction are null for the methods that have no such sums.
+peak_gflops, path, samples, window_moves, bases_per_step, desired_sweeps_per_step (both counted, not assumed) and multiply_adds.
 
 Exit codes: 0 done, 1 an error, 2 the command line was not understood, 130 interrupted.";
 
