@@ -10,9 +10,20 @@ const SUMS: f64 = 1e-10;
 
 fn assert_equal_to_the_literal_sums(pair: &Pair<f64>, law: Law, order: usize) {
     let mut servo = pair.servo(with_order(law, order));
-    let step = servo.step(pair.current()).unwrap();
-    let judged = judge(pair, polynomials(law.method, step.window, law.lattice), order);
-    assert_judged(&servo, &step, &judged);
+    let first = servo.step(pair.current()).unwrap();
+    let judged = judge(pair, polynomials(law.method, first.window, law.lattice), order);
+    assert_judged(&servo, &first, &judged);
+    assert_later_steps_judged(&mut servo, pair, &judged);
+}
+
+/// The first step swept both views at once; the second sweeps them apart, the third only the current one.
+pub fn assert_later_steps_judged(servo: &mut Servo<f64>, pair: &Pair<f64>, judged: &Judgement) {
+    for _ in 0..2 {
+        let step = servo.step(pair.current()).unwrap();
+        assert_judged(servo, &step, judged);
+    }
+    let work = servo.work();
+    assert_eq!((work.joint_sweeps, work.desired_sweeps, work.current_sweeps), (1, 1, 2));
 }
 
 pub fn assert_judged(servo: &Servo<f64>, step: &Step, judged: &Judgement) {

@@ -6,7 +6,7 @@ use domvs_vision::{
 };
 
 use super::judge::{judge_weighted, polynomials};
-use super::literal_sums::assert_judged;
+use super::literal_sums::{assert_judged, assert_later_steps_judged};
 use super::scenes::{Pair, every_method, relative_difference, with_order};
 
 const WIDTH: usize = 52;
@@ -57,7 +57,9 @@ fn every_family_equals_the_literal_sums_with_weights() {
             servo.set_mask(Some(&mask())).unwrap();
             let step = servo.step(pair.current()).unwrap();
             let polynomials = polynomials(law.method, step.window, law.lattice);
-            assert_judged(&servo, &step, &judge_weighted(&pair, polynomials, 5, &weight));
+            let judged = judge_weighted(&pair, polynomials, 5, &weight);
+            assert_judged(&servo, &step, &judged);
+            assert_later_steps_judged(&mut servo, &pair, &judged);
             let counted = (0..WIDTH * HEIGHT).filter(|i| weight(i % WIDTH, i / WIDTH) > 0.0).count();
             assert_eq!(step.used_fraction, counted as f64 / (WIDTH * HEIGHT) as f64);
         }
