@@ -67,6 +67,7 @@ pub struct Basis {
     points: usize,
     polynomial: Polynomial,
     defect: f64,
+    path: Path,
 }
 
 /// `t q_n = off_diagonal[n] q_{n-1} + diagonal[n] q_n + off_diagonal[n + 1] q_{n+1}`, with `t = 2u/(points - 1) - 1`.
@@ -102,6 +103,7 @@ impl Basis {
             points: length,
             polynomial,
             defect: f64::INFINITY,
+            path: Path::best(),
         };
         basis.remake(polynomial)?;
         Ok(basis)
@@ -125,6 +127,11 @@ impl Basis {
         }
         self.defect = if self.points == self.length { defect } else { self.products_defect(self.length) };
         Ok(())
+    }
+
+    /// Other rows are made with these instructions from now on.
+    pub(crate) fn set_path(&mut self, path: Path) {
+        self.path = path;
     }
 
     /// Row `n`: `p_n(u)` for `u = 0 … length - 1`; panics beyond the last row.
@@ -187,7 +194,7 @@ impl Basis {
             *t = 2.0 * u as f64 / (points - 1) as f64 - 1.0;
         }
         fill_root_weight(weight_ratio, &mut self.values[..points]);
-        dispatch!(Path::best().level(), simd => self.orthogonalise(simd));
+        dispatch!(self.path.level(), simd => self.orthogonalise(simd));
     }
 
     /// Rows 1 and on from row 0, by Stieltjes' procedure.
@@ -218,7 +225,7 @@ impl Basis {
     }
 
     fn products_defect(&self, points: usize) -> f64 {
-        dispatch!(Path::best().level(), simd => self.products_defect_on(simd, points))
+        dispatch!(self.path.level(), simd => self.products_defect_on(simd, points))
     }
 
     #[inline(always)]

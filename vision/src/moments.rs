@@ -175,6 +175,8 @@ impl<T: Sample> Moments<T> {
     }
 
     pub(crate) fn set_path(&mut self, path: Path) {
+        self.basis_u.set_path(path);
+        self.basis_v.set_path(path);
         self.sweep.set_path(path);
     }
 
