@@ -1,9 +1,9 @@
 //! Direct visual servoing on discrete orthogonal moments: two images in, one camera twist out.
 //!
 //! Nothing here reads a file, a clock or a network. The files follow the data:
-//! `path → sample → row → image → camera → depth → twist → law → weights → noise → pixel error → window → family → order → dense → basis →
-//! projection → interaction → along v → table → plan → sweep → moments → gram → light → planes → products → photometric → convolution → low rank → gaussian →
-//! features → control → depth scale → servo`.
+//! `path → peak → sample → row → image → camera → depth → median → twist → law → weights → noise → pixel error → window → family → order →
+//! dense → basis → projection → interaction → along v → table → plan → sweep → moments → gram → light → planes → products → photometric →
+//! banded → convolution → low rank → blurred → gaussian → features → control → depth scale → servo`.
 //! [`Servo::step`] is the one function that calls the steps from top to bottom; start reading there.
 //! `docs/paper.md` maps the paper's equations to these files, its letters to these words, and numbers
 //! every place where the code leaves the paper (D1, D2, …) or the paper errs (E1, E2, …).

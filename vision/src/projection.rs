@@ -1,7 +1,7 @@
 //! Everything is a projection: rows of planes times the basis rows of the `u` axis.
 //!
 //! The double sum `Σ_u Σ_v p_n(u) q_m(v) J(u, v)` is done in two stages, image row by image row: here `h_n = Σ_u p_n(u) J(u, v)`,
-//! then `h_n q_m(v)` is added up ([`crate::sweep`]). The interaction matrix also needs moments of `x p_n` and `x² p_n`; for the
+//! then `h_n q_m(v)` is added up ([`crate::table`]). The interaction matrix also needs moments of `x p_n` and `x² p_n`; for the
 //! polynomials both lie in the span of `p_0 … p_{l+2}`, by the recurrence, so two more rows carry them ("carriers"). Rows without a
 //! recurrence (cosines): their carriers are `p_n`, `x p_n` and `x² p_n` themselves.
 //!

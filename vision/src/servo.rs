@@ -136,7 +136,8 @@ impl<T: Sample> Servo<T> {
         })
     }
 
-    /// The twist that brings `current` nearer to the desired view. After an error the servo is as if it had not been called.
+    /// The twist that brings `current` nearer to the desired view. After an error the servo is as if it had not been called, but for what it
+    /// keeps to save work, on which the last digits of the next twist depend.
     ///
     /// # Errors
     /// A size or depth that does not fit, pixels that are not finite, too few pixels with weight, or (for an adaptive window) a black image.
