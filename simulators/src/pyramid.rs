@@ -70,6 +70,7 @@ pub(crate) struct Octaves<'a> {
 
 impl Octaves<'_> {
     /// Gray at `(s, t)` in texels of the picture, linear within and between the levels.
+    #[inline]
     pub(crate) fn sample(&self, s: f32, t: f32) -> f32 {
         let [width, height] = self.pyramid.size;
         let (s, t) = match self.pyramid.wrap {
@@ -93,6 +94,7 @@ impl Level {
         Level { width, height, texels_per_base, padded: padded.collect() }
     }
 
+    #[inline]
     fn sample(&self, s: f32, t: f32) -> f32 {
         // Texel centres sit at halves; the padding moves them by one.
         let (x, y) = (s * self.texels_per_base + 0.5, t * self.texels_per_base + 0.5);
@@ -100,11 +102,12 @@ impl Level {
         if !inside {
             return 0.0;
         }
-        let (i, j) = (x as usize, y as usize);
+        // Sides are far below 2^31; an `i32` is quicker made of an `f32`, and back, than an `usize`.
+        let (i, j) = (x as i32, y as i32);
         let (right, down) = (x - i as f32, y - j as f32);
-        let corner = j * (self.width + 2) + i;
-        let top = &self.padded[corner..corner + 2];
-        let bottom = &self.padded[corner + self.width + 2..corner + self.width + 4];
+        let corner = j as usize * (self.width + 2) + i as usize;
+        let four = &self.padded[corner..corner + self.width + 4];
+        let (top, bottom) = (&four[..2], &four[self.width + 2..]);
         let above = top[0] + right * (top[1] - top[0]);
         let below = bottom[0] + right * (bottom[1] - bottom[0]);
         above + down * (below - above)
