@@ -41,6 +41,8 @@ fn moved(criterion: &mut Criterion) {
         for order in [8, 16, 24] {
             let (mut servo, mut turn) = (pair.servo(with_order(law, order)), 0);
             let views = [pair.current(), pair.desired()];
+            (0..4).for_each(|_| steps(&mut servo, views, &mut turn));
+            assert_eq!(servo.work().joint_sweeps, 4, "the window moves at every step");
             group.bench_function(BenchmarkId::from_parameter(order), |bencher| {
                 bencher.iter(|| steps(&mut servo, views, &mut turn));
             });
