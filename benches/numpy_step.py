@@ -13,7 +13,7 @@ each in two styles: `plain`, as one writes numpy, an expression for each plane; 
 clock starts, every operation in place, and what columns share computed once.
 
 numpy is spared what Domvs does besides: finding the window from the images' brightness (moved windows are given to it), the pixel
-error, and the condition number; it divides by the depth, which Domvs has as 1/Z from decoding. Before anything is timed, the twist is held against `domvs twist` (double precision): within 1e-9 of
+error, and the condition number. Before anything is timed, the twist is held against `domvs twist` (double precision): within 1e-9 of
 it for this code in double precision, which proves that it computes the same thing, and within 1e-3 for single precision.
 
 Needs benches/requirements.txt. Exit code 1 if a twist differs, or with --at-least R if Domvs is not R times faster than the plain

@@ -41,6 +41,8 @@ pub struct Sight {
     pub image: Plane<f32>,
     /// Its depth.
     pub depth: Depth<f32>,
+    /// What a depth map is made of, metres.
+    pub metres: Option<Plane<f32>>,
 }
 
 impl Scene {
@@ -78,14 +80,11 @@ impl Picture {
         let SizeOption { width, height } = self.size;
         let plane = |samples| Plane::new(width, height, samples).expect("one sample for every pixel");
         let image = plane(self.gray.iter().map(|&gray| f32::from(gray) / 255.0).collect());
-        let depth = match depth {
-            DepthKind::Constant => Depth::Constant { depth_m: DEPTH_M },
-            DepthKind::Map => {
-                let metres = plane(self.depth_mm.iter().map(|&mm| f32::from(mm) * DEPTH_UNIT_M).collect());
-                Depth::Map(DepthMap::from_metres(&metres, HoleFill::Median).expect("every depth is positive"))
-            }
-        };
-        Sight { image, depth }
+        let metres = (depth == DepthKind::Map)
+            .then(|| plane(self.depth_mm.iter().map(|&mm| f32::from(mm) * DEPTH_UNIT_M).collect()));
+        let map = |metres| DepthMap::from_metres(metres, HoleFill::Median).expect("every depth is positive");
+        let depth = metres.as_ref().map_or(Depth::Constant { depth_m: DEPTH_M }, |metres| Depth::Map(map(metres)));
+        Sight { image, depth, metres }
     }
 
     /// As it is sent: 8-bit gray, and 16-bit depth behind it where the case has a map.

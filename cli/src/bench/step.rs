@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use domvs_server::law;
-use domvs_vision::{Path, Servo, View, Work};
+use domvs_vision::{Depth, HoleFill, Path, Servo, View, Work};
 use serde::Serialize;
 
 use super::cases::{Case, DepthKind};
@@ -100,6 +100,8 @@ struct Running<'a> {
     images: Images,
     servo: Servo<f32>,
     views: &'a [Sight; 3],
+    /// Of the current view; a map is made anew from its metres for every step.
+    depth: Depth<f32>,
     step: usize,
 }
 
@@ -199,7 +201,7 @@ impl<'a> Running<'a> {
     fn start(case: &Case, views: &'a [Sight; 3], images: Images, path: Path) -> anyhow::Result<Running<'a>> {
         let mut servo = servo(case, &views[0])?;
         servo.set_path(path);
-        let mut running = Running { images, servo, views, step: 0 };
+        let mut running = Running { images, servo, views, depth: views[1].depth.clone(), step: 0 };
         for _ in 0..WARM_UP {
             running.step_ms()?;
         }
@@ -217,6 +219,11 @@ impl<'a> Running<'a> {
         let bases = after.bases - before.bases;
         let must_move = self.images == Images::Alternate;
         ensure!(!must_move || bases >= BURST, "the window moved in only {bases} of {BURST} steps");
+        let made = bases + after.desired_sweeps - before.desired_sweeps;
+        ensure!(
+            must_move || made == 0,
+            "expected nothing but current views, got {made} bases and desired halves as well"
+        );
         tally.steps += BURST;
         tally.work.bases += bases;
         tally.work.desired_sweeps += after.desired_sweeps - before.desired_sweeps;
@@ -232,7 +239,10 @@ impl<'a> Running<'a> {
         };
         self.step += 1;
         let begin = Instant::now();
-        std::hint::black_box(self.servo.step(current.view())?);
+        if let (Depth::Map(map), Some(metres)) = (&mut self.depth, &current.metres) {
+            map.set_metres(metres, HoleFill::Median)?;
+        }
+        std::hint::black_box(self.servo.step(View { image: &current.image, depth: &self.depth })?);
         Ok(begin.elapsed().as_secs_f64() * 1e3)
     }
 }
@@ -245,7 +255,8 @@ fn servo(case: &Case, desired: &Sight) -> anyhow::Result<Servo<f32>> {
 
 /// Whether turns of the two current images move this case's window each time.
 fn window_moves(case: &Case, views: &[Sight; 3]) -> anyhow::Result<bool> {
-    let mut running = Running { images: Images::Alternate, servo: servo(case, &views[0])?, views, step: 0 };
+    let (servo, depth) = (servo(case, &views[0])?, views[1].depth.clone());
+    let mut running = Running { images: Images::Alternate, servo, views, depth, step: 0 };
     running.step_ms()?;
     for _ in 0..2 {
         let before = running.servo.work().bases;
