@@ -54,9 +54,32 @@ pub struct ServeArgs {
 /// # Errors
 /// Fails when the configuration is wrong, nothing can be reached, or the endpoint is taken.
 pub fn run(args: &ServeArgs, paint: Paint) -> anyhow::Result<ExitCode> {
+    give_memory_back();
     let config = server_config(args)?;
     crate::runtime()?.block_on(serve(args, config, paint))
 }
+
+/// Starts this program anew, as the same process, with glibc told to map every buffer of 128 KiB or more by itself. Left alone it
+/// takes that limit up to the largest buffer freed so far, and keeps the planes of closed tasks for good: 20 tasks of 640x480 left 170 MB
+/// behind, and left 30 MB so. Costs some milliseconds, once. What cannot be told changes nothing else.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn give_memory_back() {
+    use std::os::unix::process::CommandExt;
+    const LIMIT: (&str, &str) = ("MALLOC_MMAP_THRESHOLD_", "131072");
+    if std::env::var_os(LIMIT.0).is_some() {
+        return;
+    }
+    let Ok(program) = std::env::current_exe() else { return };
+    let mut words = std::env::args_os();
+    let mut again = std::process::Command::new(program);
+    again.arg0(words.next().unwrap_or_else(|| "domvs".into())).args(words).env(LIMIT.0, LIMIT.1);
+    // Returns only if it failed.
+    let error = again.exec();
+    tracing::debug!(%error, "memory of closed tasks will be kept for later ones");
+}
+
+#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+fn give_memory_back() {}
 
 async fn serve(args: &ServeArgs, config: ServerConfig, paint: Paint) -> anyhow::Result<ExitCode> {
     // Before anything is announced: a signal from here on ends the service in order.
