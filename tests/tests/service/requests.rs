@@ -59,6 +59,7 @@ async fn the_answer_as_json_has_the_fields_of_the_bytes() {
     let settings = TaskSettings { order: OrderRange { min: 8, max: 8 }, ..scene.settings() };
     let task = started(&client, &settings, &scene.target()).await;
     let frame = scene.frame(7);
+    task.twist(&frame).await.expect("the target's share is in the cache now");
     let bytes = task.twist(&frame).await.expect("answered");
 
     let secret = task.secret().cloned();
