@@ -37,6 +37,7 @@ pub(crate) struct AlongV {
     /// `[block][multiplier][m]`, as they are needed together; zeros below the image.
     values: Vec<[f64; BLOCK]>,
     product: Vec<f64>,
+    difference: Vec<f64>,
 }
 
 impl AlongV {
@@ -44,7 +45,7 @@ impl AlongV {
     pub(crate) fn new(basis: &Basis, rows: usize, camera: &Intrinsics) -> AlongV {
         let (height, blocks) = (basis.length(), basis.length().div_ceil(BLOCK));
         let values = vec![[0.0; BLOCK]; Multiplier::COUNT * rows * blocks];
-        let mut along_v = AlongV { rows, values, product: vec![0.0; height] };
+        let mut along_v = AlongV { rows, values, product: vec![0.0; height], difference: vec![0.0; height] };
         along_v.set(basis, camera);
         along_v
     }
@@ -54,30 +55,32 @@ impl AlongV {
         use Multiplier::{ByPartsOneAndYyq, ByPartsQ, ByPartsYq, OneAndYyq, Q, Yq};
         for (plain, by_parts) in [(Q, ByPartsQ), (Yq, ByPartsYq), (OneAndYyq, ByPartsOneAndYyq)] {
             for m in 0..self.rows {
-                for (v, (product, q)) in self.product.iter_mut().zip(basis.row(m)).enumerate() {
-                    let y = camera.y(v as f64);
-                    *product = match plain {
-                        Yq => y * q,
-                        OneAndYyq => (1.0 + y * y) * q,
-                        _ => *q,
-                    };
+                let q = self.product.iter_mut().zip(basis.row(m)).zip(0..);
+                match plain {
+                    Yq => q.for_each(|((product, q), v)| *product = camera.y(f64::from(v)) * q),
+                    OneAndYyq => q.for_each(|((product, q), v)| *product = (1.0 + camera.y(f64::from(v)).powi(2)) * q),
+                    _ => self.product.copy_from_slice(basis.row(m)),
                 }
-                self.put(plain, m, |product, v| product[v]);
-                self.put(by_parts, m, transposed_difference);
+                fill_transposed_difference(&self.product, &mut self.difference);
+                self.put(plain, by_parts, m);
             }
         }
     }
 
-    /// One of them for `m`, in a block of image rows.
+    /// One of them for the first so many `m`, in a block of image rows.
     #[inline(always)]
-    pub(crate) fn of(&self, multiplier: Multiplier, m: usize, block: usize) -> &[f64; BLOCK] {
-        &self.values[self.place(multiplier, m, block)]
+    pub(crate) fn of(&self, multiplier: Multiplier, block: usize, count: usize) -> &[[f64; BLOCK]] {
+        &self.values[self.place(multiplier, 0, block)..][..count]
     }
 
-    fn put(&mut self, multiplier: Multiplier, m: usize, value: impl Fn(&[f64], usize) -> f64) {
-        for v in 0..self.product.len() {
-            let place = self.place(multiplier, m, v / BLOCK);
-            self.values[place][v % BLOCK] = value(&self.product, v);
+    /// Both of these multipliers for `m`, block by block.
+    fn put(&mut self, plain: Multiplier, by_parts: Multiplier, m: usize) {
+        let stretches = self.product.chunks(BLOCK).zip(self.difference.chunks(BLOCK));
+        for (block, (product, difference)) in stretches.enumerate() {
+            for (multiplier, stretch) in [(plain, product), (by_parts, difference)] {
+                let place = (block * Multiplier::COUNT + multiplier as usize) * self.rows + m;
+                self.values[place][..stretch.len()].copy_from_slice(stretch);
+            }
         }
     }
 
@@ -86,13 +89,19 @@ impl AlongV {
     }
 }
 
-/// `(Dᵀ f)(v)`: half of what stands above less half of what stands below, where the first and last of `f` count in full.
-fn transposed_difference(f: &[f64], v: usize) -> f64 {
+/// `(Dᵀ f)(v)`: half of what stands above less half of what stands below, where the first and last of `f` count in full. At least two.
+fn fill_transposed_difference(f: &[f64], difference: &mut [f64]) {
     let last = f.len() - 1;
+    for (difference, window) in difference[1..last].iter_mut().zip(f.windows(3)) {
+        *difference = 0.5 * (window[0] - window[2]);
+    }
     let whole_or_half = |v: usize| if v == 0 || v == last { f[v] } else { 0.5 * f[v] };
-    let from_above = if v == 0 { -f[0] } else { whole_or_half(v - 1) };
-    let from_below = if v == last { -f[last] } else { whole_or_half(v + 1) };
-    from_above - from_below
+    difference[0] = -f[0] - whole_or_half(1);
+    difference[last] = whole_or_half(last - 1) + f[last];
+    if last > 1 {
+        difference[1] = f[0] - whole_or_half(2);
+        difference[last - 1] = whole_or_half(last - 2) - f[last];
+    }
 }
 
 #[cfg(test)]
@@ -101,7 +110,7 @@ mod tests {
 
     #[test]
     fn summation_by_parts_is_exact_up_to_the_border() {
-        for height in [3, 4, 11] {
+        for height in [2, 3, 4, 11] {
             let (f, image): (Vec<f64>, Vec<f64>) =
                 (0..height).map(|v| ((7 * v % 11) as f64 - 3.0, (5 * v * v % 13) as f64)).unzip();
             let slope = |v: usize| {
@@ -109,7 +118,9 @@ mod tests {
                 (image[below] - image[above]) / (below - above) as f64
             };
             let left: f64 = (0..height).map(|v| f[v] * slope(v)).sum();
-            let right: f64 = (0..height).map(|v| transposed_difference(&f, v) * image[v]).sum();
+            let mut difference = vec![0.0; height];
+            fill_transposed_difference(&f, &mut difference);
+            let right: f64 = difference.iter().zip(&image).map(|(difference, image)| difference * image).sum();
             assert_eq!(left, right, "whole and half numbers, {height} rows");
         }
     }

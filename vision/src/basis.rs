@@ -168,6 +168,16 @@ impl Basis {
         })
     }
 
+    /// Whether `p_n(length - 1 - u) = (-1)^n p_n(u)`, up to rounding.
+    pub(crate) fn is_even_and_odd_in_turn(&self) -> bool {
+        (0..self.rows()).all(|n| {
+            let (row, sign) = (self.row(n), if n % 2 == 0 { 1.0 } else { -1.0 });
+            let largest = row.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+            let half = self.length.div_ceil(2);
+            row[..half].iter().zip(row.iter().rev()).all(|(left, right)| (left - sign * right).abs() <= 1e-13 * largest)
+        })
+    }
+
     fn lattice_row(&self, n: usize) -> &[f64] {
         &self.values[n * (self.length + 1)..][..self.points]
     }

@@ -8,11 +8,11 @@
 //! L_I = [ ζ g_u,  ζ g_v,  -ζ(x g_u + y g_v),  -(x y g_u + (1 + y²) g_v),  (1 + x²) g_u + x y g_v,  x g_v - y g_u ]
 //! ```
 
-use fearless_simd::{Simd, SimdBase};
+use fearless_simd::Simd;
 use nalgebra::Matrix2x6;
 
 use crate::image::Plane;
-use crate::row::{each, load, load_left, load_right};
+use crate::row::{Place, load, load_around};
 use crate::sample::Sample;
 
 /// `L_x`: how a point at normalized `(x, y)` and depth `Z` moves under a camera twist, Eq. (37).
@@ -46,48 +46,24 @@ impl<'a, T: Sample> Slopes<'a, T> {
 
     /// `∇I_u` and `∇I_v` of the pixels from `at` on, in brightness per pixel; past the row's end they are finite and mean nothing.
     #[inline(always)]
-    pub(crate) fn at<S: Simd>(&self, simd: S, at: usize) -> [T::Vector<S>; 2] {
-        let along_u = load_right(simd, self.here, at) - load_left(simd, self.here, at);
+    pub(crate) fn at<S: Simd>(&self, simd: S, at: usize, place: Place) -> [T::Vector<S>; 2] {
+        let [left, _, right] = load_around(simd, self.here, at, place);
         let along_v = load(simd, self.below, at) - load(simd, self.above, at);
-        [along_u * T::from_f64(0.5), along_v * self.along_v]
+        [(right - left) * T::from_f64(0.5), along_v * self.along_v]
     }
-}
 
-/// Writes `∇I_u` along a whole row of at least two pixels, as [`Slopes::at`] has it. `out` has room for whole vectors.
-#[inline(always)]
-pub(crate) fn slopes_along_u<S: Simd, T: Sample>(simd: S, row: &[T], out: &mut [T]) {
-    let (lanes, half) = (T::Vector::<S>::LEN, T::from_f64(0.5));
-    // From the second vector on there is a pixel to the left, and to the right as long as `inner` lasts.
-    let inner = row.len().saturating_sub(lanes + 1) / lanes * lanes;
-    if inner > 0 {
-        each(
-            simd,
-            &mut out[lanes..lanes + inner],
-            [&row[lanes + 1..][..inner], &row[lanes - 1..][..inner]],
-            #[inline(always)]
-            |[right, left]| (right - left) * half,
-        );
+    /// `∇(I - I')_u` and `I - I'` of the pixels from `at` on; the difference is taken first, so that it keeps its digits.
+    #[inline(always)]
+    pub(crate) fn difference<S: Simd>(
+        &self,
+        other: &Slopes<'_, T>,
+        simd: S,
+        at: usize,
+        place: Place,
+    ) -> [T::Vector<S>; 2] {
+        let (own, other) = (load_around(simd, self.here, at, place), load_around(simd, other.here, at, place));
+        [((own[2] - other[2]) - (own[0] - other[0])) * T::from_f64(0.5), own[1] - other[1]]
     }
-    let mut at = 0;
-    while at < row.len() {
-        let slope = (load_right(simd, row, at) - load_left(simd, row, at)) * half;
-        slope.store_slice(&mut out[at..at + lanes]);
-        at += if at == 0 { lanes + inner } else { lanes };
-    }
-}
-
-/// Writes `∇I_v` along the whole of row `v` of an image of at least two rows, as [`Slopes::at`] has it.
-#[inline(always)]
-pub(crate) fn slopes_along_v<S: Simd, T: Sample>(simd: S, image: &Plane<T>, v: usize, out: &mut [T]) {
-    let (above, below) = (v.saturating_sub(1), (v + 1).min(image.height() - 1));
-    let scale = T::from_f64(1.0 / (below - above) as f64);
-    each(
-        simd,
-        out,
-        [image.row(below), image.row(above)],
-        #[inline(always)]
-        |[below, above]| (below - above) * scale,
-    );
 }
 
 #[cfg(test)]
@@ -100,24 +76,25 @@ mod tests {
     /// `∇I_u` and `∇I_v` along row `v`, of any path.
     fn gradient(path: Path, image: &Plane<f64>, v: usize) -> [Vec<f64>; 2] {
         let slopes = Slopes::of(image, v);
-        let mut rows = dispatch!(path.level(), simd => all(simd, &slopes, image, v));
+        let mut rows = dispatch!(path.level(), simd => all(simd, &slopes, image));
         rows.iter_mut().for_each(|row| row.truncate(image.width()));
         rows
     }
 
     #[inline(always)]
-    fn all<S: Simd>(simd: S, slopes: &Slopes<'_, f64>, image: &Plane<f64>, v: usize) -> [Vec<f64>; 2] {
+    fn all<S: Simd>(simd: S, slopes: &Slopes<'_, f64>, image: &Plane<f64>) -> [Vec<f64>; 2] {
         let mut rows = [Vec::new(), Vec::new()];
-        for at in (0..image.width()).step_by(S::f64s::LEN) {
-            for (row, part) in rows.iter_mut().zip(slopes.at(simd, at)) {
+        let lanes = S::f64s::LEN;
+        for at in (0..image.width()).step_by(lanes) {
+            let slopes_at = slopes.at(simd, at, Place::Border);
+            if at > 0 && at + lanes < image.width() {
+                let inside = slopes.at(simd, at, Place::Inside);
+                assert_eq!(inside.map(|s| s.as_slice().to_vec()), slopes_at.map(|s| s.as_slice().to_vec()));
+            }
+            for (row, part) in rows.iter_mut().zip(slopes_at) {
                 row.extend_from_slice(part.as_slice());
             }
         }
-        let mut whole = [0; 2].map(|_| vec![0.0; rows[0].len()]);
-        slopes_along_u(simd, slopes.here, &mut whole[0]);
-        slopes_along_v(simd, image, v, &mut whole[1]);
-        let inside = |rows: &[Vec<f64>; 2]| rows.each_ref().map(|row| row[..image.width()].to_vec());
-        assert_eq!(inside(&whole), inside(&rows), "by rows as by vectors");
         rows
     }
 

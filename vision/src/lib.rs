@@ -61,6 +61,8 @@ mod dense;
 
 pub mod basis;
 
+mod fold;
+
 mod projection;
 
 pub mod interaction;

@@ -43,7 +43,7 @@ pub struct Work {
     pub current_sweeps: usize,
     /// Sweeps over both views at once.
     pub joint_sweeps: usize,
-    /// Multiply-adds in projections and inner products that were of use: what a literal separable evaluation needs, no more.
+    /// Multiply-adds in projections and inner products that were of use: what a separable evaluation needs, of a folded row half of it.
     pub multiply_adds: u64,
 }
 

@@ -16,7 +16,7 @@ use crate::image::Plane;
 use crate::interaction::Slopes;
 use crate::light::across;
 use crate::path::Path;
-use crate::row::{Row, load};
+use crate::row::{Place, Row, load};
 use crate::sample::Sample;
 use crate::servo::View;
 
@@ -115,7 +115,9 @@ impl<'a, T: Sample> PairRow<'a, T> {
     #[inline(always)]
     fn planes<S: Simd>(&self, simd: S, at: usize) -> [T::Vector<S>; COLUMNS] {
         let one = T::Vector::<S>::splat(simd, T::from_f64(1.0));
-        let ([own_u, own_v], [desired_u, desired_v]) = (self.slopes[0].at(simd, at), self.slopes[1].at(simd, at));
+        let place = Place::of::<S, T>(at, self.images[0].len());
+        let ([own_u, own_v], [desired_u, desired_v]) =
+            (self.slopes[0].at(simd, at, place), self.slopes[1].at(simd, at, place));
         let (own_zeta, desired_zeta) = (self.zeta::<S, 0>(simd, at), self.zeta::<S, 1>(simd, at));
         let (g_u, g_v) = ((own_u + desired_u) * self.half_f[0], (own_v + desired_v) * self.half_f[1]);
         let vx = own_zeta.mul_add(own_u, desired_zeta * desired_u) * self.half_f[0];

@@ -39,123 +39,21 @@ impl<T: Sample> Row<T> {
     }
 }
 
-/// Writes `op` of every sample of the rows, which have one length, to `out`, which has room for whole vectors of them.
-///
-/// `op` must be `#[inline(always)]`, or it is not compiled for the path.
-#[inline(always)]
-pub(crate) fn each<S: Simd, T: Sample, const N: usize>(
-    simd: S,
-    out: &mut [T],
-    rows: [&[T]; N],
-    op: impl Fn([T::Vector<S>; N]) -> T::Vector<S>,
-) {
-    let (lanes, length) = (T::Vector::<S>::LEN, rows[0].len());
-    let whole = length - length % lanes;
-    let (mut cut, mut parts) = (rows, [T::Vector::<S>::splat(simd, T::ZERO); N]);
-    for i in 0..N {
-        cut[i] = &rows[i][..whole];
+/// What a kernel may take for granted of a place in a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Place {
+    /// A whole vector of samples is there, and one more on each side.
+    Inside,
+    /// Nothing but the first sample.
+    Border,
+}
+
+impl Place {
+    /// Of the samples from `at` on, in a row of so many.
+    #[inline(always)]
+    pub(crate) fn of<S: Simd, T: Sample>(at: usize, width: usize) -> Place {
+        if at > 0 && at + T::Vector::<S>::LEN < width { Place::Inside } else { Place::Border }
     }
-    let out_whole = &mut out[..whole];
-    let mut at = 0;
-    while at + lanes <= whole {
-        for i in 0..N {
-            parts[i] = T::Vector::<S>::from_slice(simd, &cut[i][at..at + lanes]);
-        }
-        op(parts).store_slice(&mut out_whole[at..at + lanes]);
-        at += lanes;
-    }
-    if whole < length {
-        for i in 0..N {
-            parts[i] = load(simd, rows[i], whole);
-        }
-        op(parts).store_slice(&mut out[whole..whole + lanes]);
-    }
-}
-
-/// The same with what `out` holds already, and one row.
-#[inline(always)]
-pub(crate) fn change<S: Simd, T: Sample>(
-    simd: S,
-    out: &mut [T],
-    row: &[T],
-    op: impl Fn(T::Vector<S>, T::Vector<S>) -> T::Vector<S>,
-) {
-    let lanes = T::Vector::<S>::LEN;
-    let whole = row.len() - row.len() % lanes;
-    let (out_whole, row_whole) = (&mut out[..whole], &row[..whole]);
-    let mut at = 0;
-    while at + lanes <= whole {
-        let own = T::Vector::<S>::from_slice(simd, &out_whole[at..at + lanes]);
-        let other = T::Vector::<S>::from_slice(simd, &row_whole[at..at + lanes]);
-        op(own, other).store_slice(&mut out_whole[at..at + lanes]);
-        at += lanes;
-    }
-    if whole < row.len() {
-        let own = load(simd, out, whole);
-        op(own, load(simd, row, whole)).store_slice(&mut out[whole..whole + lanes]);
-    }
-}
-
-/// `out = a - b`.
-#[inline(always)]
-pub(crate) fn difference<S: Simd, T: Sample>(simd: S, out: &mut [T], a: &[T], b: &[T]) {
-    each(
-        simd,
-        out,
-        [a, b],
-        #[inline(always)]
-        |[a, b]| a - b,
-    );
-}
-
-/// `out = a b`.
-#[inline(always)]
-pub(crate) fn product<S: Simd, T: Sample>(simd: S, out: &mut [T], a: &[T], b: &[T]) {
-    each(
-        simd,
-        out,
-        [a, b],
-        #[inline(always)]
-        |[a, b]| a * b,
-    );
-}
-
-/// `out = ½(out + other)`.
-#[inline(always)]
-pub(crate) fn take_mean<S: Simd, T: Sample>(simd: S, out: &mut [T], other: &[T]) {
-    let half = T::from_f64(0.5);
-    change(
-        simd,
-        out,
-        other,
-        #[inline(always)]
-        |own, other| (own + other) * half,
-    );
-}
-
-/// `plane = plane weight`.
-#[inline(always)]
-pub(crate) fn multiply<S: Simd, T: Sample>(simd: S, plane: &mut [T], weight: &[T]) {
-    change(
-        simd,
-        plane,
-        weight,
-        #[inline(always)]
-        |plane, weight| plane * weight,
-    );
-}
-
-/// `out = ½(a[0] b[0] + a[1] b[1])`.
-#[inline(always)]
-pub(crate) fn mean_product<S: Simd, T: Sample>(simd: S, out: &mut [T], a: [&[T]; 2], b: [&[T]; 2]) {
-    let half = T::from_f64(0.5);
-    each(
-        simd,
-        out,
-        [a[0], b[0], a[1], b[1]],
-        #[inline(always)]
-        |[a0, b0, a1, b1]| (a0 * b0 + a1 * b1) * half,
-    );
 }
 
 /// As many samples as a vector holds, from `row[first..]`; zeros behind its end.
@@ -194,6 +92,23 @@ pub(crate) fn load_right<S: Simd, T: Sample>(simd: S, row: &[T], first: usize) -
             rest[last - first] = line(row[last], row[last - 1]);
             T::Vector::<S>::from_slice(simd, &rest[..length])
         }
+    }
+}
+
+/// [`load_left`], [`load`] and [`load_right`].
+#[inline(always)]
+pub(crate) fn load_around<S: Simd, T: Sample>(simd: S, row: &[T], first: usize, place: Place) -> [T::Vector<S>; 3] {
+    match place {
+        Place::Inside => {
+            let samples = &row[first - 1..first + 1 + T::Vector::<S>::LEN];
+            let lanes = T::Vector::<S>::LEN;
+            [
+                T::Vector::<S>::from_slice(simd, &samples[..lanes]),
+                T::Vector::<S>::from_slice(simd, &samples[1..1 + lanes]),
+                T::Vector::<S>::from_slice(simd, &samples[2..2 + lanes]),
+            ]
+        }
+        Place::Border => [load_left(simd, row, first), load(simd, row, first), load_right(simd, row, first)],
     }
 }
 

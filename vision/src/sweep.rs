@@ -16,8 +16,9 @@ use crate::along_v::{AlongV, Multiplier};
 use crate::basis::Basis;
 use crate::camera::Intrinsics;
 use crate::depth::Depth;
+use crate::fold::Folds;
 use crate::image::Plane;
-use crate::interaction::{slopes_along_u, slopes_along_v};
+use crate::interaction::Slopes;
 use crate::light::across;
 use crate::path::Path;
 use crate::plan::{
@@ -25,7 +26,7 @@ use crate::plan::{
     ZETA_V_Y, constant_per_m,
 };
 use crate::projection::{Carriers, MOST_PLANES};
-use crate::row::{Row, difference, load, mean_product, multiply, product, take_mean};
+use crate::row::{Row, load};
 use crate::sample::Sample;
 use crate::table::{BLOCK, ERROR_AND_INTERACTION, FeatureTable, LIGHT, RowMoments, Sums, Term};
 
@@ -35,9 +36,7 @@ pub(crate) struct Sweep<T> {
     camera: Intrinsics,
     path: Path,
     carriers: Carriers<T>,
-    planes: [Row<T>; MOST_PLANES],
-    /// `∇I_u`, `∇I_v` of another image.
-    slopes: [Row<T>; 2],
+    planes: Folds<T>,
     /// `ζ` of each view where it is one number.
     constants: [Row<T>; 2],
     moments: RowMoments,
@@ -53,8 +52,7 @@ impl<T: Sample> Sweep<T> {
         let mut sweep = Sweep {
             camera,
             path: Path::best(),
-            planes: from_fn(|_| Row::zeros(width)),
-            slopes: from_fn(|_| Row::zeros(width)),
+            planes: Folds::new(width),
             constants: from_fn(|_| Row::zeros(width)),
             moments: RowMoments::new(MOST_PLANES, carriers.count()),
             sums: Sums::new(MOST_TERMS, carriers.count(), highest_order),
@@ -92,7 +90,8 @@ impl<T: Sample> Sweep<T> {
         self.sums.clear();
         dispatch!(self.path.level(), simd => self.add_rows(simd, (views, plan), weight, (along_v, &terms), order));
         table.fill(order, |n, m| self.error_and_interaction(plan, n, m));
-        let per_row = width * self.carriers.multiply_adds(plan.degrees, order) + self.sum_multiply_adds(&terms, order);
+        let per_row = self.carriers.kept(width) * self.carriers.multiply_adds(plan.degrees, order)
+            + self.sum_multiply_adds(&terms, order);
         Swept { multiply_adds: (height * per_row) as u64, of_desired: plan.of_desired }
     }
 
@@ -150,8 +149,7 @@ impl<T: Sample> Sweep<T> {
         simd.vectorize(
             #[inline(always)]
             || {
-                let planes = self.planes.each_ref().map(Row::padded);
-                self.carriers.project(simd, planes, degrees, order, v % BLOCK, &mut self.moments);
+                self.carriers.project(simd, &self.planes, degrees, order, v % BLOCK, &mut self.moments);
             },
         );
         if v == height - 1 {
@@ -173,13 +171,11 @@ impl<T: Sample> Sweep<T> {
         order: usize,
         block: usize,
     ) {
-        for m in 0..=order {
-            for (slot, term) in terms.iter().enumerate() {
-                let Some(term) = *term else { continue };
-                let factors = along_v.of(term.times, m, block);
-                for range in self.carriers.ranges(term.degree, order - m) {
-                    self.sums.add(simd, (slot, term), m, range, &self.moments, factors);
-                }
+        for (slot, term) in terms.iter().enumerate() {
+            let Some(term) = *term else { continue };
+            for chunk in 0..self.carriers.chunks() {
+                let factors = along_v.of(term.times, block, self.carriers.multipliers(chunk, term.degree, order));
+                self.sums.add(simd, (slot, term), chunk, &self.moments, factors);
             }
         }
     }
@@ -210,59 +206,95 @@ impl<T: Sample> Sweep<T> {
     /// The row's planes, as the plan has them.
     #[inline(always)]
     fn fill_planes<S: Simd>(&mut self, simd: S, views: Views<'_, T>, plan: Plan, weight: Option<&[T]>, v: usize) {
-        let ((own, own_depth), desired) = (views.first(), views.error_to().map(|image| image.row(v)));
-        let width = own.width();
-        let [first, second, third, fourth, fifth] = self.planes.each_mut().map(Row::padded_mut);
-        let [slope_u, slope_v] = self.slopes.each_mut().map(Row::padded_mut);
-        let constants = self.constants.each_ref().map(|row| &row.padded()[..width]);
-        match (views, desired) {
-            (Views::Current(..), Some(desired)) if plan.by_parts => {
-                difference(simd, second, own.row(v), desired);
-                slopes_along_u(simd, &second[..width], first);
-                if plan.constant_per_m.is_none() {
-                    slopes_along_u(simd, own.row(v), slope_u);
-                    slopes_along_v(simd, own, v, slope_v);
-                    let zeta = zeta_row(own_depth, constants[0], v);
-                    product(simd, third, &slope_u[..width], zeta);
-                    product(simd, fourth, &slope_v[..width], zeta);
+        let ((own, own_depth), half) = (views.first(), T::from_f64(0.5));
+        let slopes = Slopes::of(own, v);
+        let (row, zeta) = (own.row(v), zeta_row(own_depth, self.constants[0].padded(), v));
+        let shape = (own.width(), self.carriers.are_folded());
+        match (views, plan.constant_per_m) {
+            (Views::Current(_, (desired, _)), constant) if plan.by_parts => {
+                let desired = Slopes::of(desired, v);
+                if constant.is_some() {
+                    return self.planes.fill(
+                        simd,
+                        shape,
+                        #[inline(always)]
+                        |at, place| slopes.difference(&desired, simd, at, place),
+                    );
                 }
+                self.planes.fill(
+                    simd,
+                    shape,
+                    #[inline(always)]
+                    |at, place| {
+                        let [along_u, difference] = slopes.difference(&desired, simd, at, place);
+                        let (slopes, zeta) = (slopes.at(simd, at, place), load(simd, zeta, at));
+                        [along_u, difference, slopes[0] * zeta, slopes[1] * zeta]
+                    },
+                );
             }
-            (Views::Both(_, other), Some(desired)) => {
-                slopes_along_u(simd, own.row(v), first);
-                slopes_along_u(simd, other.0.row(v), slope_u);
-                slopes_along_v(simd, own, v, second);
-                slopes_along_v(simd, other.0, v, slope_v);
-                let error = if plan.constant_per_m.is_some() {
-                    third
-                } else {
-                    let zetas = [zeta_row(own_depth, constants[0], v), zeta_row(other.1, constants[1], v)];
-                    mean_product(simd, third, [&first[..width], &slope_u[..width]], zetas);
-                    mean_product(simd, fourth, [&second[..width], &slope_v[..width]], zetas);
-                    fifth
-                };
-                take_mean(simd, first, &slope_u[..width]);
-                take_mean(simd, second, &slope_v[..width]);
-                difference(simd, error, own.row(v), desired);
-            }
-            _ => {
-                slopes_along_u(simd, own.row(v), first);
-                slopes_along_v(simd, own, v, second);
-                let error = if plan.constant_per_m.is_some() {
-                    third
-                } else {
-                    let zeta = zeta_row(own_depth, constants[0], v);
-                    product(simd, third, &first[..width], zeta);
-                    product(simd, fourth, &second[..width], zeta);
-                    fifth
-                };
-                if let Some(desired) = desired {
-                    difference(simd, error, own.row(v), desired);
+            (Views::Both(_, (other, other_depth)), constant) => {
+                let (other_slopes, other_row) = (Slopes::of(other, v), other.row(v));
+                let other_zeta = zeta_row(other_depth, self.constants[1].padded(), v);
+                if constant.is_some() {
+                    return self.planes.fill(
+                        simd,
+                        shape,
+                        #[inline(always)]
+                        |at, place| {
+                            let (a, b) = (slopes.at(simd, at, place), other_slopes.at(simd, at, place));
+                            let halved = weight_at(simd, weight, at) * half;
+                            let error = (load(simd, row, at) - load(simd, other_row, at)) * (halved + halved);
+                            [(a[0] + b[0]) * halved, (a[1] + b[1]) * halved, error]
+                        },
+                    );
                 }
+                self.planes.fill(
+                    simd,
+                    shape,
+                    #[inline(always)]
+                    |at, place| {
+                        let (a, b) = (slopes.at(simd, at, place), other_slopes.at(simd, at, place));
+                        let halved = weight_at(simd, weight, at) * half;
+                        let (a_zeta, b_zeta) = (load(simd, zeta, at), load(simd, other_zeta, at));
+                        let error = (load(simd, row, at) - load(simd, other_row, at)) * (halved + halved);
+                        [
+                            (a[0] + b[0]) * halved,
+                            (a[1] + b[1]) * halved,
+                            (a[0] * a_zeta + b[0] * b_zeta) * halved,
+                            (a[1] * a_zeta + b[1] * b_zeta) * halved,
+                            error,
+                        ]
+                    },
+                );
             }
-        }
-        if let Some(weight) = weight {
-            for plane in &mut self.planes[..plan.degrees.len()] {
-                multiply(simd, plane.padded_mut(), weight);
+            (_, constant) => {
+                // Without an error its plane is not looked at.
+                let desired = views.error_to().unwrap_or(own).row(v);
+                if constant.is_some() {
+                    return self.planes.fill(
+                        simd,
+                        shape,
+                        #[inline(always)]
+                        |at, place| {
+                            let weight = weight_at(simd, weight, at);
+                            let ([along_u, along_v], error) =
+                                (slopes.at(simd, at, place), load(simd, row, at) - load(simd, desired, at));
+                            [along_u * weight, along_v * weight, error * weight]
+                        },
+                    );
+                }
+                self.planes.fill(
+                    simd,
+                    shape,
+                    #[inline(always)]
+                    |at, place| {
+                        let weight = weight_at(simd, weight, at);
+                        let ([along_u, along_v], error) =
+                            (slopes.at(simd, at, place), load(simd, row, at) - load(simd, desired, at));
+                        let (along_u, along_v, zeta) = (along_u * weight, along_v * weight, load(simd, zeta, at));
+                        [along_u, along_v, along_u * zeta, along_v * zeta, error * weight]
+                    },
+                );
             }
         }
     }
@@ -291,7 +323,8 @@ impl<T: Sample> Sweep<T> {
             let down = |times_y: usize, plain: usize| per_y * (sum(times_y) - top * sum(plain)) - sum(plain);
             [sum(0), sum(1), sum(2), down(3, 0), sum(4), down(5, 1)]
         });
-        let per_row = width * self.carriers.multiply_adds(&[0; 4], order) + self.sum_multiply_adds(&terms, order);
+        let per_row = self.carriers.kept(width) * self.carriers.multiply_adds(&[0; 4], order)
+            + self.sum_multiply_adds(&terms, order);
         (height * per_row) as u64
     }
 
@@ -317,20 +350,26 @@ impl<T: Sample> Sweep<T> {
 
     #[inline(always)]
     fn fill_light_planes<S: Simd>(&mut self, simd: S, desired: &[T], weight: Option<&[T]>, width: usize) {
-        let lanes = T::Vector::<S>::LEN;
-        let [own, one, u_own, u_plane, _] = self.planes.each_mut().map(Row::padded_mut);
-        for at in (0..width).step_by(lanes) {
-            let right = load(simd, self.right.padded(), at);
-            let weight = match weight {
-                Some(weight) => load(simd, weight, at),
-                None => T::Vector::<S>::splat(simd, T::from_f64(1.0)),
-            };
-            let (value, part) = (load(simd, desired, at) * weight, at..at + lanes);
-            value.store_slice(&mut own[part.clone()]);
-            weight.store_slice(&mut one[part.clone()]);
-            (right * value).store_slice(&mut u_own[part.clone()]);
-            (right * weight).store_slice(&mut u_plane[part]);
-        }
+        let right = self.right.padded();
+        self.planes.fill(
+            simd,
+            (width, self.carriers.are_folded()),
+            #[inline(always)]
+            |at, _| {
+                let (right, weight) = (load(simd, right, at), weight_at(simd, weight, at));
+                let value = load(simd, desired, at) * weight;
+                [value, weight, right * value, right * weight]
+            },
+        );
+    }
+}
+
+/// The weights from `at` on: one each if there are none.
+#[inline(always)]
+fn weight_at<S: Simd, T: Sample>(simd: S, weight: Option<&[T]>, at: usize) -> T::Vector<S> {
+    match weight {
+        Some(weight) => load(simd, weight, at),
+        None => T::Vector::<S>::splat(simd, T::from_f64(1.0)),
     }
 }
 

@@ -3,8 +3,6 @@
 //!
 //! A block of image rows is added at a time, so that each sum is fetched and put back once for several rows.
 
-use std::ops::Range;
-
 use fearless_simd::{Simd, SimdBase, SimdFloat};
 
 use crate::along_v::Multiplier;
@@ -17,7 +15,7 @@ pub(crate) const ERROR_AND_INTERACTION: usize = 7;
 pub(crate) const LIGHT: usize = 6;
 
 /// Image rows that are added together.
-pub(crate) const BLOCK: usize = 8;
+pub(crate) const BLOCK: usize = 16;
 
 /// `f64` numbers in the longest vector.
 pub(crate) const CHUNK: usize = 8;
@@ -25,8 +23,8 @@ pub(crate) const CHUNK: usize = 8;
 /// The moments along `u` of a block of image rows.
 #[derive(Debug)]
 pub(crate) struct RowMoments {
-    /// `[plane][chunk of carriers][row of the block][carrier within the chunk]`.
-    values: Vec<[[f64; CHUNK]; BLOCK]>,
+    /// `[plane][row of the block][chunk of carriers][carrier within the chunk]`.
+    values: Vec<[f64; CHUNK]>,
     chunks: usize,
 }
 
@@ -34,20 +32,31 @@ impl RowMoments {
     /// Room for so many planes and carriers.
     pub(crate) fn new(planes: usize, carriers: usize) -> RowMoments {
         let chunks = carriers.div_ceil(CHUNK);
-        RowMoments { values: vec![[[0.0; CHUNK]; BLOCK]; planes * chunks], chunks }
+        RowMoments { values: vec![[0.0; CHUNK]; planes * BLOCK * chunks], chunks }
     }
 
-    /// Notes one moment.
+    /// The moments of one row of the block, by carrier.
     #[inline(always)]
-    pub(crate) fn set(&mut self, plane: usize, carrier: usize, row: usize, moment: f64) {
-        self.values[plane * self.chunks + carrier / CHUNK][row][carrier % CHUNK] = moment;
+    pub(crate) fn row_mut(&mut self, plane: usize, row: usize) -> &mut [f64] {
+        self.values[(plane * BLOCK + row) * self.chunks..][..self.chunks].as_flattened_mut()
     }
 
     /// Makes the rows from `first` on zeros: the last block of an image may have fewer.
     pub(crate) fn clear_rows(&mut self, first: usize) {
-        for chunk in &mut self.values {
-            chunk[first..].fill([0.0; CHUNK]);
+        for plane in self.values.chunks_exact_mut(BLOCK * self.chunks) {
+            plane[first * self.chunks..].as_flattened_mut().fill(0.0);
         }
+    }
+
+    /// One chunk of carriers, of every row of the block.
+    #[inline(always)]
+    fn chunk<S: Simd>(&self, simd: S, plane: usize, chunk: usize, at: usize) -> [S::f64s; BLOCK] {
+        let (lanes, mut rows) = (S::f64s::LEN, [S::f64s::splat(simd, 0.0); BLOCK]);
+        let values = &self.values[plane * BLOCK * self.chunks..][..BLOCK * self.chunks];
+        for row in 0..BLOCK {
+            rows[row] = S::f64s::from_slice(simd, &values[row * self.chunks + chunk][at..at + lanes]);
+        }
+        rows
     }
 }
 
@@ -83,22 +92,32 @@ impl Sums {
         self.values.as_flattened_mut().fill(0.0);
     }
 
-    /// Adds one block of one term for one `m`, to the carriers in `range`.
+    /// Adds one block of one term to one chunk of carriers, for every `m` that has its factors there: `sums[m][n] += Σ_row factors[m][row] source[row][n]`.
     #[inline(always)]
     pub(crate) fn add<S: Simd>(
         &mut self,
         simd: S,
         (slot, term): (usize, Term),
-        m: usize,
-        range: Range<usize>,
+        chunk: usize,
         moments: &RowMoments,
-        factors: &[f64; BLOCK],
+        factors: &[[f64; BLOCK]],
     ) {
-        let (chunks, first) = (range.start / CHUNK..range.end.div_ceil(CHUNK), self.start(slot, m));
-        let sums = &mut self.values[first..first + self.chunks][chunks.clone()];
-        let sources = &moments.values[term.plane * moments.chunks..][..moments.chunks][chunks];
-        for (sums, source) in sums.iter_mut().zip(sources) {
-            add_chunk(simd, sums, source, factors);
+        let (lanes, first, mut at) = (S::f64s::LEN, self.start(slot, 0), 0);
+        while at < CHUNK {
+            let source = moments.chunk(simd, term.plane, chunk, at);
+            let sums = self.values[first + chunk..].iter_mut().step_by(self.chunks);
+            for (sum, factors) in sums.zip(factors) {
+                let sum = &mut sum[at..at + lanes];
+                // Two strands, so that not every product waits for the one before.
+                let mut strands = [S::f64s::from_slice(simd, sum), source[1] * factors[1]];
+                for row in 0..BLOCK {
+                    if row != 1 {
+                        strands[row % 2] = source[row].mul_add(factors[row], strands[row % 2]);
+                    }
+                }
+                (strands[0] + strands[1]).store_slice(sum);
+            }
+            at += lanes;
         }
     }
 
@@ -109,21 +128,6 @@ impl Sums {
 
     fn start(&self, slot: usize, m: usize) -> usize {
         (slot * (self.highest_order + 1) + m) * self.chunks
-    }
-}
-
-/// `sums[n] += Σ_row factors[row] source[row][n]`.
-#[inline(always)]
-fn add_chunk<S: Simd>(simd: S, sums: &mut [f64; CHUNK], source: &[[f64; CHUNK]; BLOCK], factors: &[f64; BLOCK]) {
-    let lanes = S::f64s::LEN;
-    let mut at = 0;
-    while at < CHUNK {
-        let mut sum = S::f64s::from_slice(simd, &sums[at..at + lanes]);
-        for row in 0..BLOCK {
-            sum = S::f64s::from_slice(simd, &source[row][at..at + lanes]).mul_add(factors[row], sum);
-        }
-        sum.store_slice(&mut sums[at..at + lanes]);
-        at += lanes;
     }
 }
 
