@@ -31,7 +31,7 @@ measure() { # measure NAME verb options... : the rows as NAME/…json, plots bes
 
 # The budgets: whole twist, one thread.
 measure budget step --steps 1000
-measure budget-fixed-window step --steps 1000 --window 8,8
+measure budget-adaptive-window step --steps 1000 --window adaptive
 measure methods step --method hahn,krawtchouk,tchebichef,cosine --order 16 --steps 400
 measure pixels step --method photometric,gaussian_mixture --steps 200 --seconds 6
 measure options-light step --light --order 16

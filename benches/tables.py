@@ -51,23 +51,24 @@ def machine(folder):
 
 def budget(folder):
     lines = []
-    both = zip(rows_of(folder, "budget/step.json"), fixed_windows(folder))
-    for row, fixed in both:
+    both = zip(rows_of(folder, "budget/step.json"), adaptive_windows(folder))
+    for row, adaptive in both:
         limit = BUDGETS.get((row["case"], row["depth"], row["order"]))
         name = f"{row['case']}, {row['depth']}, l = {row['order']}"
-        lines.append([name, short(limit), short(row["median_ms"]), short(fixed), short(row["p99_ms"]), short(row["frames_per_s"]),
+        lines.append([name, short(limit), short(row["median_ms"]), short(adaptive), short(row["p99_ms"]), short(row["frames_per_s"]),
                       short(row["gflops"]), percent(row["peak_fraction"])])
     peak = rows_of(folder, "budget/step.json")[0]
     said = f"One thread, {peak['path']}, 640x480; the core reached {peak['peak_gflops']:.0f} GFLOP/s with nothing but multiply-adds."
-    headings = ["case", "budget ms", "median ms", "with a window of fixed numbers", "p99 ms", "frames/s", "GFLOP/s", "of the peak"]
+    headings = ["case", "budget ms", "median ms", "with an adaptive window", "p99 ms", "frames/s", "GFLOP/s", "of the peak"]
     return said + "\n\n" + table(headings, lines)
 
 
-def fixed_windows(folder):
-    """The median under a fixed window beside each row of the budget; none where the window moves."""
-    fixed = {(row["depth"], row["order"]): row["median_ms"] for row in rows_of(folder, "budget-fixed-window/step.json")}
+def adaptive_windows(folder):
+    """The median under an adaptive window that stays beside each row of the budget; none where the window moves."""
+    rows = rows_of(folder, "budget-adaptive-window/step.json")
+    adaptive = {(row["depth"], row["order"]): row["median_ms"] for row in rows if row["case"] == "cached"}
     for row in rows_of(folder, "budget/step.json"):
-        yield fixed[row["depth"], row["order"]] if row["case"] == "cached" else None
+        yield adaptive[row["depth"], row["order"]] if row["case"] == "cached" else None
 
 
 def methods(folder):

@@ -4,7 +4,7 @@ use std::fmt;
 
 use anyhow::{Context, ensure};
 use clap::{Args, ValueEnum};
-use domvs_proto::settings::{Camera, Depth, Light, NoiseFloor, OrderRange, TaskSettings};
+use domvs_proto::settings::{Camera, Depth, Light, NoiseFloor, OrderRange, TaskSettings, Window};
 
 use crate::options::{MethodOption, SizeOption, WindowOption, positive};
 
@@ -30,9 +30,9 @@ pub struct CaseOptions {
     #[arg(long = "depth", value_name = "DEPTH", value_enum, value_delimiter = ',')]
     pub depths: Vec<DepthKind>,
 
-    /// Hahn's window: adaptive (so that it can move), adaptive_paper, a,b or ax,bx,ay,by
-    #[arg(long, value_name = "W", default_value = "adaptive", allow_hyphen_values = true)]
-    pub window: WindowOption,
+    /// Hahn's window: adaptive, adaptive_paper, a,b or ax,bx,ay,by [default: a task's own, 8,8; where it moves, adaptive]
+    #[arg(long, value_name = "W", allow_hyphen_values = true)]
+    pub window: Option<WindowOption>,
 
     /// Standard deviation of the gaussian mixture's blur, pixels [default: an eighth of the width]
     #[arg(long, value_name = "PX", value_parser = positive, allow_hyphen_values = true)]
@@ -79,6 +79,8 @@ pub struct Case {
     pub depth: DepthKind,
     /// The task that this is; the law of every measurement is made of it, as the service does.
     pub settings: TaskSettings,
+    /// The same with a window that can move, where the law has one.
+    pub moving: TaskSettings,
 }
 
 impl CaseOptions {
@@ -125,7 +127,9 @@ impl CaseOptions {
         );
         let mut settings = TaskSettings::new(camera(size));
         settings.method = method.0;
-        settings.window = self.window.into();
+        if let Some(window) = self.window {
+            settings.window = window.into();
+        }
         settings.gaussian_px = self.gaussian_px;
         settings.light = self.light.then(Light::default);
         settings.noise_floor = if self.noise_floor { NoiseFloor::Subtract } else { NoiseFloor::Ignore };
@@ -139,8 +143,14 @@ impl CaseOptions {
             DepthKind::Map => Depth::Map { fallback_m: None, holes: Default::default() },
             DepthKind::Constant => Depth::ConstantM(DEPTH_M),
         };
-        settings.validate().with_context(name)?;
-        Ok(Case { size, order, method, depth, settings })
+        let mut moving = settings.clone();
+        if self.window.is_none() {
+            moving.window = Window::Adaptive;
+        }
+        for settings in [&settings, &moving] {
+            settings.validate().with_context(name)?;
+        }
+        Ok(Case { size, order, method, depth, settings, moving })
     }
 }
 

@@ -111,7 +111,7 @@ async fn tasks(
     let asked = |name, task, frames| Asked { name, task, frames, times: Default::default() };
     let mut all = vec![asked(ECHO, place.echo(echo).await?, vec![near.clone()])];
     if step::moves(case, scene)? {
-        let task = started(worker, &case.settings, &target).await?;
+        let task = started(worker, &case.moving, &target).await?;
         all.push(asked("moved", task, vec![near.clone(), far]));
     }
     all.push(asked("cached", started(worker, &case.settings, &target).await?, vec![near]));

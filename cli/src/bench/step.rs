@@ -1,8 +1,8 @@
 //! The law alone: one step of [`Servo`] on `f32` planes, as a worker computes it, on one thread, the whole twist.
 //!
-//! `cached`: the same image again and again, so that the window stays and the desired view is kept. `moved`: two images take turns whose
-//! brightness lies elsewhere, so that an adaptive window moves, and bases and both views are made at every step; [`Servo::work`] has to
-//! say so. A family whose window never moves has no such case.
+//! `cached`: the same image again and again, so that the window stays and the desired view is kept; with the window of a task that names none,
+//! unless another is asked for. `moved`: two images take turns whose brightness lies elsewhere, so that an adaptive window moves, and bases and
+//! both views are made at every step; [`Servo::work`] has to say so. A family whose window never moves has no such case.
 //!
 //! All cases of one size take turns, a few steps each, and all sizes do so in several passes: what disturbs the machine disturbs all.
 
@@ -199,7 +199,7 @@ impl Tally {
 
 impl<'a> Running<'a> {
     fn start(case: &Case, views: &'a [Sight; 3], images: Images, path: Path) -> anyhow::Result<Running<'a>> {
-        let mut servo = servo(case, &views[0])?;
+        let mut servo = servo(case, images, &views[0])?;
         servo.set_path(path);
         let mut running = Running { images, servo, views, depth: views[1].depth.clone(), step: 0 };
         for _ in 0..WARM_UP {
@@ -248,14 +248,14 @@ impl<'a> Running<'a> {
 }
 
 /// The servo that the service would make of this case.
-fn servo(case: &Case, desired: &Sight) -> anyhow::Result<Servo<f32>> {
-    let camera = law::intrinsics(&case.settings.camera)?;
-    Ok(Servo::new(law::law(&case.settings)?, camera, desired.view())?)
+fn servo(case: &Case, images: Images, desired: &Sight) -> anyhow::Result<Servo<f32>> {
+    let settings = if images == Images::Alternate { &case.moving } else { &case.settings };
+    Ok(Servo::new(law::law(settings)?, law::intrinsics(&settings.camera)?, desired.view())?)
 }
 
 /// Whether turns of the two current images move this case's window each time.
 fn window_moves(case: &Case, views: &[Sight; 3]) -> anyhow::Result<bool> {
-    let (servo, depth) = (servo(case, &views[0])?, views[1].depth.clone());
+    let (servo, depth) = (servo(case, Images::Alternate, &views[0])?, views[1].depth.clone());
     let mut running = Running { images: Images::Alternate, servo, views, depth, step: 0 };
     running.step_ms()?;
     for _ in 0..2 {

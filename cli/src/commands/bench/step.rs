@@ -41,7 +41,8 @@ pub struct StepArgs {
 }
 
 const AFTER_HELP: &str = "\
-gflops counts two operations for each multiply-add of the sums in the equations, not those that the processor happened to do. \
+gflops counts two operations for each multiply-add of the sums in the equations, half as many where even and odd rows meet a folded \
+image. \
 peak_gflops is what one core did in the same run with nothing but multiply-adds in registers.
 
 The JSON objects have case, size, order, method, depth, median_ms, p99_ms, mean_ms, min_ms, frames_per_s, gflops, peak_fraction, \
