@@ -23,10 +23,10 @@ def fault(group, quick=False):
     return register
 
 
-def alone(lab, *arguments, settings=None):
+def alone(lab, *arguments, settings=None, owners=True):
     """One worker that is its own router; client, arm and camera beside it."""
     lab.worker("w1", *arguments)
-    people(lab, settings=settings)
+    people(lab, settings=settings, owners=owners)
 
 
 def routed(lab, workers=("w1",), settings=None):
@@ -37,10 +37,10 @@ def routed(lab, workers=("w1",), settings=None):
     people(lab, workers=len(workers), settings=settings)
 
 
-def people(lab, workers=1, settings=None, through=None):
+def people(lab, workers=1, settings=None, through=None, owners=True):
     """The judge, a client, an arm and a camera, servoing; `through` names endpoints for some of them."""
     through = through or {}
-    lab.watch()
+    lab.watch(owners)
     wire.wait_for_workers(lab.session, workers)
     lab.owner("--settings", json.dumps(settings or {}), endpoint=through.get("client"))
     lab.arm(endpoint=through.get("arm"))

@@ -3,6 +3,7 @@
 import subprocess
 import time
 
+import wire
 from cases import alone, fault, state, verdict_of
 
 
@@ -64,3 +65,38 @@ def refused(lab, option):
     words = process.last_words()
     wrong = [] if code not in (0, None) and str(disk.path) in words else [f"exit code {code}: {words}"]
     return {"wrong": wrong, "facts": {"exit code": code, "error": words.replace(str(disk.path), "FOLDER").splitlines()[-1:]}}
+
+
+@fault("disks")
+def state_read_only(lab):
+    """a worker started with a state directory on a read-only disk"""
+    return refused(lab, "--state")
+
+
+@fault("disks")
+def state_full(lab):
+    """the state directory's disk full before the task is made: 100 kB, all taken"""
+    with Disk(lab.folder, "size=100k") as disk:
+        lab.worker("w1", "--state", disk.path)
+        lab.watch()
+        wire.wait_for_workers(lab.session)
+        fill(disk.path / "ballast")
+        lab.owner()
+        lab.arm()
+        lab.camera()
+        lab.steady()
+        verdict = watched(lab, lab.mark("fault"), 3.0)
+        told = wire.workers(lab.session)[0].get("state_error")
+        verdict.expect(told, "the worker's info does not say that its tasks cannot be saved")
+        verdict.notes["facts"]["worker info"] = str(told).replace(str(disk.path), "FOLDER")
+        return verdict.judge()
+
+
+def fill(path):
+    """Takes all the room there is."""
+    with path.open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(bytes(4096))
+        except OSError:
+            pass

@@ -139,15 +139,20 @@ class Lab:
 
     # What the judge sees.
 
-    def watch(self, endpoint=None):
-        """Opens the judge's session beside the router; call it when the router is there."""
-        self.session = wire.open_session(endpoint or self.endpoint)
+    def watch(self, owners=True):
+        """Opens the judge's session beside the router; call it when the router is there.
+
+        Without `owners` where memory is measured: Zenoh keeps some bytes for each token it ever told a link of.
+        """
+        self.session = wire.open_session(self.endpoint)
         keep = self.session.declare_subscriber
         self.watching = [
             keep("domvs/task/*/*/command", self.see_command),
             keep("domvs/task/*/*/status", self.see_status),
-            self.session.liveliness().declare_subscriber("domvs/task/*/*/owner/**", self.see_owner, history=True),
         ]
+        if owners:
+            tokens = self.session.liveliness()
+            self.watching.append(tokens.declare_subscriber("domvs/task/*/*/owner/**", self.see_owner, history=True))
 
     def see_command(self, sample):
         now = time.monotonic()

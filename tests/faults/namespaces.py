@@ -7,8 +7,9 @@ other process gets one, with one cable to the router.
 import subprocess
 import time
 
+import replicas
 import wire
-from cases import RECOVERY_S, broken, fault, kept, people, start_again, state, verdict_of
+from cases import RECOVERY_S, broken, fault, start_again, state, verdict_of
 
 PORT = 7447
 
@@ -116,6 +117,29 @@ LOSS = "numgen random mod 100 < 10"
 def lossy(hosts, who):
     hosts.drop(who, "input", LOSS)
     hosts.drop(who, "output", LOSS)
+
+
+@fault("namespaces")
+def owner_cut(lab):
+    """cable of the owner's host cut for 5 s, with another worker on another host"""
+    lab.endpoint = f"tcp/127.0.0.1:{PORT}"
+    with Hosts(("w1", "w2", "client", "arm", "camera")) as hosts:
+        spread(lab, hosts, workers=("w1", "w2"))
+        before = state(lab)
+        worker, epoch = replicas.owner(lab)
+        begin = lab.mark("fault")
+        hosts.cut(worker)
+        heir, _, times = replicas.takeover(lab, begin, epoch)
+        time.sleep(max(0.0, begin + 5.0 - time.monotonic()))
+        healed = lab.mark("healed")
+        hosts.heal(worker)
+        lab.wait_for_motion(healed, RECOVERY_S)
+        wire.wait_for_workers(lab.session, 2)
+        time.sleep(2.0)
+        verdict = verdict_of(lab, (begin, healed), before)
+        now = replicas.owner(lab)[0]
+        verdict.expect(now == heir, f"{heir} took the task, and after the healing {now} has it")
+        return verdict.note(facts={**times, "old_epoch_commands": replicas.old_epochs(verdict)}).judge()
 
 
 def register():

@@ -1,7 +1,7 @@
 """Clients that are many, quick, or rude. Says what happened, then waits; ended by kill -9 or by the end of stdin.
 
 `crowd`: --count clients at once, each with a session, a token, a task that is started, and one twist.
-`churn`: --count tasks one after the other in one session, each of another client: create, target, start, twist, close.
+`churn`: tasks of one client one after the other, {"from": m, "to": n}: create, target, start, twist, close.
 `deaf`:  one client whose channel for answers is never read; {"ask": n} sends n twist requests and n questions for its target.
 """
 
@@ -71,20 +71,19 @@ def crowd(arguments):
 def churn(arguments):
     settings, pixels = square(SMALL)
     session = wire.open_session(arguments.endpoint)
+    token = session.liveliness().declare_token(f"domvs/client/{arguments.name}/alive")
     child.say(ready=True)
     for order in child.orders():
         outcomes = collections.Counter()
-        for number in range(order["from"], order["to"]):
-            name = f"{arguments.name}-{number}"
-            token = session.liveliness().declare_token(f"domvs/client/{name}/alive")
+        for _ in range(order["from"], order["to"]):
             try:
-                task, said = visit(session, name, arguments.worker, settings, pixels, SMALL)
+                task, said = visit(session, arguments.name, arguments.worker, settings, pixels, SMALL)
                 wire.control(session, task, "close")
             except (wire.Refused, wire.NoAnswer) as error:
                 said = getattr(error, "code", type(error).__name__)
             outcomes[said] += 1
-            token.undeclare()
         child.say(done=order["to"], outcomes=outcomes)
+    token.undeclare()
 
 
 def deaf(arguments):
