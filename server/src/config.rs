@@ -22,10 +22,14 @@ pub struct ServerConfig {
     pub mailbox_depth: usize,
     /// A folder for recordings; empty: nothing is recorded.
     pub record: PathBuf,
+    /// A folder in which a worker alone keeps its tasks over a restart; empty: they end with it.
+    pub state: PathBuf,
     /// What clients may use.
     pub limits: Limits,
     /// When a task whose client has gone is closed.
     pub lease: Lease,
+    /// What this worker keeps of the others' tasks, to go on with them.
+    pub replica: Replica,
 }
 
 /// What one worker grants.
@@ -40,6 +44,18 @@ pub struct Limits {
     pub pixels_per_frame: usize,
     /// Bytes of one payload, and of all twist requests that wait for one task.
     pub bytes_per_payload: usize,
+}
+
+/// What a standby may hold.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Replica {
+    /// Tasks whose state is kept.
+    pub tasks: usize,
+    /// Bytes of their states and targets, and of those that wait to be read.
+    pub bytes: usize,
+    /// Tasks made ready, with buffers and bases, of those this worker would be the first to take over.
+    pub prepared: usize,
 }
 
 /// How long a client may be gone.
@@ -58,8 +74,10 @@ impl Default for ServerConfig {
             threads: 0,
             mailbox_depth: 4,
             record: PathBuf::new(),
+            state: PathBuf::new(),
             limits: Limits::default(),
             lease: Lease::default(),
+            replica: Replica::default(),
         }
     }
 }
@@ -67,6 +85,12 @@ impl Default for ServerConfig {
 impl Default for Limits {
     fn default() -> Self {
         Limits { tasks: 64, tasks_per_client: 16, pixels_per_frame: 3840 * 2160, bytes_per_payload: 64 * 1024 * 1024 }
+    }
+}
+
+impl Default for Replica {
+    fn default() -> Self {
+        Replica { tasks: 256, bytes: 256 * 1024 * 1024, prepared: 16 }
     }
 }
 
@@ -130,6 +154,9 @@ impl ServerConfig {
         let (pixels, bytes) = (self.limits.pixels_per_frame, self.limits.bytes_per_payload);
         check_range("limits.pixels_per_frame", "64 to 16777216", pixels, 64, 1 << 24)?;
         check_range("limits.bytes_per_payload", "1024 to 1073741824", bytes, 1024, 1 << 30)?;
+        check_range("replica.tasks", "0 to 10000", self.replica.tasks, 0, 10_000)?;
+        check_range("replica.bytes", "0 to 17179869184", self.replica.bytes, 0, 1 << 34)?;
+        check_range("replica.prepared", "0 to 10000", self.replica.prepared, 0, 10_000)?;
         Ok(self)
     }
 

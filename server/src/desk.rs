@@ -7,7 +7,7 @@
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU32};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use domvs_proto::body;
@@ -25,6 +25,7 @@ use crate::board::Board;
 use crate::endpoints::Publications;
 use crate::mailbox::{Item, Mailbox};
 use crate::outlet::Outlet;
+use crate::ownership::SecretCheck;
 use crate::pool::Work;
 use crate::task::Task;
 use crate::worker::Shared;
@@ -79,7 +80,7 @@ pub(crate) struct Desk {
     /// Of `twist`, made once: it goes with every reply.
     pub(crate) twist_key: KeyExpr<'static>,
     pub(crate) epoch: u32,
-    pub(crate) secret: Secret,
+    pub(crate) secret: SecretCheck,
     pub(crate) born: Moment,
     pub(crate) shared: Arc<Shared>,
     pub(crate) publications: Publications,
@@ -97,6 +98,12 @@ pub(crate) struct Desk {
     pub(crate) halt: Mutex<Option<Status>>,
     /// The client, or nobody's using it, asked for the end.
     pub(crate) closing: AtomicBool,
+    /// How often the whole state has been published.
+    pub(crate) revision: AtomicU64,
+    /// A newer owner has it.
+    pub(crate) superseded: AtomicBool,
+    /// This worker ends its session; another goes on.
+    pub(crate) leaving: AtomicBool,
     /// The registrar has been told.
     pub(crate) close_given: AtomicBool,
     pub(crate) scheduled: AtomicBool,
@@ -133,6 +140,12 @@ impl Desk {
         lock(&self.halt).get_or_insert(status);
     }
 
+    /// A newer owner has the task: asks for the last halt, whatever other one waits.
+    pub(crate) fn supersede(&self) {
+        self.superseded.store(true, Ordering::Release);
+        *lock(&self.halt) = Some(Status::Superseded);
+    }
+
     /// The last words of a worker that ends, after its zeros: `owner_lost`, and an answer to every request that waits.
     pub(crate) fn say_last_words(&self, now: Moment) {
         let (requests, _) = self.mailbox.discard_images();
@@ -165,7 +178,7 @@ impl Desk {
 
     pub(crate) fn check_owner(&self, secret: Option<&Secret>) -> Result<(), ErrorReply> {
         match secret {
-            Some(secret) if *secret == self.secret => Ok(()),
+            Some(secret) if self.secret.admits(secret) => Ok(()),
             Some(_) => Err(ErrorReply::new(ErrorCode::NotOwner, "the secret is not this task's")),
             None => Err(ErrorReply::new(ErrorCode::NotOwner, "the request carries no secret; create returned it")),
         }

@@ -22,6 +22,7 @@ use crate::desk::{Desk, Order, PushedFrame, TwistRequest, lock};
 use crate::orders::attached_secret;
 use crate::outlet::Publish;
 use crate::registrar::Job;
+use crate::task::SentTarget;
 use crate::worker::Shared;
 
 /// What a task publishes besides `command`.
@@ -41,6 +42,7 @@ pub(crate) struct Endpoints {
 impl Publications {
     pub(crate) fn declare(session: &Session, keys: &Keys, task: &TaskKey) -> zenoh::Result<Publications> {
         let status = session.declare_publisher(keys.status(task)).encoding(body::JSON).wait()?;
+        // Never waits, like all that is published: a standby that misses something sees it by the revision, and asks.
         let state = session.declare_publisher(keys.state(task)).encoding(body::JSON).wait()?;
         Ok(Publications { status, state })
     }
@@ -51,6 +53,14 @@ impl Publications {
 
     pub(crate) fn state(&self, json: Vec<u8>) {
         log_failure(self.state.put(json).wait());
+    }
+}
+
+impl Publications {
+    /// The target itself, for standbys.
+    pub(crate) fn target(&self, sent: &SentTarget) {
+        let put = self.state.put(sent.payload.clone()).encoding(sent.encoding.as_str());
+        log_failure(put.attachment(sent.header.encode()).wait());
     }
 }
 

@@ -109,7 +109,7 @@ impl Desk {
     /// A pushed frame needs no secret, but one that names another's is meant for another task.
     fn check_pushed_secret(&self, header: FrameHeader) -> Result<FrameHeader, String> {
         match &header.secret {
-            Some(secret) if *secret != self.secret => Err("the frame carries another task's secret".to_owned()),
+            Some(secret) if !self.secret.admits(secret) => Err("the frame carries another task's secret".to_owned()),
             _ => Ok(header),
         }
     }
@@ -136,6 +136,12 @@ impl Desk {
         let mut board = lock(&self.board);
         board.answered(&answer, task.iterations(), task.detail());
         board.estimated(task.estimates());
+        let advanced = board.advanced(task.progress(answer.status));
+        drop(board);
+        if let Some(progress) = advanced {
+            self.publish_progress(progress);
+            self.keep(task);
+        }
         answer
     }
 

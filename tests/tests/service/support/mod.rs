@@ -31,6 +31,8 @@ pub const ZEROS: [f64; 6] = [0.0; 6];
 /// A router and a worker.
 pub struct Stage {
     pub service: Service,
+    /// The worker's own: closing it takes the worker away as a kill does, without a last word.
+    pub session: Session,
     pub keys: Keys,
     router: Session,
     endpoint: String,
@@ -47,8 +49,8 @@ impl Stage {
         let (router, endpoint) = router().await;
         let session = zenoh::open(client_config(&endpoint)).await.expect("the router is there");
         let config = ServerConfig { worker: WORKER.into(), ..config }.checked().expect("a fine configuration");
-        let service = Service::start(config, session).await.expect("the worker starts");
-        Stage { service, keys: Keys::default(), router, endpoint }
+        let service = Service::start(config, session.clone()).await.expect("the worker starts");
+        Stage { service, session, keys: Keys::default(), router, endpoint }
     }
 
     /// How to reach the router.
