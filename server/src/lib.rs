@@ -7,7 +7,8 @@
 //! Around each [`task`] stand three things that are locked one by one: its *desk*, where the pool does its `orders`
 //! and `frames`; its *outlet*, the only way to `command`, which the clock can reach while the desk is busy; and its
 //! *board*, which holds what `status` says. `worker` ties all to Zenoh, the `registrar` makes and closes tasks, the
-//! `clock` watches what does not happen. Start reading at [`pipeline::on_frame`].
+//! `clock` watches what does not happen, the `clerk`s answer what needs no computation. What a client is let have is counted in
+//! `tenants` and `quotas`, the token it hangs on is watched in `lease`. Start reading at [`pipeline::on_frame`].
 
 use std::time::Duration;
 
@@ -41,11 +42,19 @@ mod board;
 
 mod desk;
 
+mod lease;
+
+mod tenants;
+
+mod quotas;
+
 mod orders;
 
 mod frames;
 
 mod answers;
+
+mod door;
 
 mod endpoints;
 
@@ -53,7 +62,11 @@ mod clock;
 
 mod registrar;
 
+mod clerk;
+
 mod worker;
+
+pub mod session;
 
 pub mod record;
 

@@ -1,8 +1,7 @@
-//! The registrar: one thread that creates and closes tasks, one after another, and gives the answers that neither
-//! callbacks nor compute threads have time for.
+//! The registrar: one thread that creates and closes tasks, one after another. What it grants is in `tenants`.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -20,24 +19,24 @@ use zenoh::query::Query;
 use crate::answers::{reply_error, reply_json};
 use crate::board::Board;
 use crate::decode::DecodeLimits;
-use crate::desk::{Desk, LeaseWatch, lock};
+use crate::desk::{Desk, lock};
 use crate::endpoints::{Endpoints, Publications, command};
 use crate::governor::Governor;
 use crate::law::acceleration_limits;
+use crate::lease::LeaseWatch;
 use crate::mailbox::Mailbox;
 use crate::outlet::Outlet;
+use crate::quotas::pixels;
 use crate::task::Task;
+use crate::tenants::Bucket;
 use crate::worker::Shared;
+
+/// Questions that need no secret, of one task, in a second.
+const PUBLIC_PER_S: usize = 50;
 
 /// What the registrar does, so that neither callbacks nor compute threads have to.
 pub(crate) enum Job {
     Create(Query),
-    Info(Query),
-    /// A query on a task's key that no task of this worker answers.
-    Unclaimed(Query),
-    /// An order that nobody will obey.
-    Refused(Query, ErrorReply),
-    TwistRefused(Arc<Desk>, Query, Status),
     Close(TaskKey),
     Shutdown,
 }
@@ -58,13 +57,6 @@ impl Registrar {
         while let Ok(job) = jobs.recv() {
             match job {
                 Job::Create(query) => self.answer_create(&query),
-                Job::Info(query) => {
-                    let key = self.shared.keys.worker_info(&self.shared.worker);
-                    reply_json(&query, key, &body::write(&self.shared.info()));
-                }
-                Job::Unclaimed(query) => self.answer_unclaimed(&query),
-                Job::Refused(query, error) => reply_error(&query, &error),
-                Job::TwistRefused(desk, query, status) => desk.refuse_twist(&query, status),
                 Job::Close(task) => self.close(&task),
                 Job::Shutdown => break,
             }
@@ -88,7 +80,7 @@ impl Registrar {
             ErrorReply::new(ErrorCode::BadName, error)
         };
         let (_, client) = shared.keys.parse_create(query.key_expr().as_str()).ok_or_else(bad_name)?;
-        self.check_quota(&client)?;
+        shared.check_tasks(&client)?;
         let size = query.payload().map_or(0, ZBytes::len);
         if size > body::MAX_JSON_BYTES {
             let error = format!("settings may have {} bytes, got {size}", body::MAX_JSON_BYTES);
@@ -100,43 +92,27 @@ impl Registrar {
         let internal = |error: zenoh::Error| ErrorReply::new(ErrorCode::Internal, error);
         let desk = Arc::new(new_desk(shared, client, &settings).map_err(internal)?);
         // Known before it can be asked, so nobody hears that there is no such task.
-        lock(&shared.desks).insert(desk.key.to_string(), Arc::clone(&desk));
-        let endpoints = Endpoints::declare(&desk, &settings.frames).map_err(|error| {
-            lock(&shared.desks).remove(&desk.key.to_string());
-            internal(error)
-        })?;
-        let reply = CreateReply { task: desk.key.clone(), epoch: desk.epoch, secret: desk.secret.clone() };
+        shared.admit(&desk, &settings)?;
+        let endpoints = desk
+            .watch_lease(&settings.lease)
+            .and_then(|()| Endpoints::declare(&desk, &settings.frames))
+            .map_err(|error| {
+                lock(&shared.desks).remove(&desk.key.to_string());
+                internal(error)
+            })?;
+        let reply = CreateReply {
+            task: desk.key.clone(),
+            epoch: desk.epoch,
+            secret: desk.secret.clone(),
+            frame_secret: Some(desk.frame_secret.clone()),
+        };
         self.endpoints.insert(desk.key.clone(), endpoints);
         desk.created();
         tracing::info!(task = %desk.key, method = settings.method.word(), "created");
         Ok(reply)
     }
 
-    fn check_quota(&self, client: &Name) -> Result<(), ErrorReply> {
-        let desks = lock(&self.shared.desks);
-        let limits = &self.shared.config.limits;
-        let of_client = desks.values().filter(|desk| desk.key.client == *client).count();
-        let quota = |what: &str, limit: usize| {
-            Err(ErrorReply::new(ErrorCode::Quota, format!("{what} may have {limit} tasks, and has them")))
-        };
-        if desks.len() >= limits.tasks {
-            return quota("this worker", limits.tasks);
-        }
-        if of_client >= limits.tasks_per_client {
-            return quota(&format!("client {client}"), limits.tasks_per_client);
-        }
-        Ok(())
-    }
-
     fn check_settings(&self, settings: &TaskSettings) -> Result<(), ErrorReply> {
-        let limit = self.shared.config.limits.pixels_per_frame as u64;
-        let pixels = u64::from(settings.camera.width) * u64::from(settings.camera.height);
-        if pixels > limit {
-            return Err(ErrorReply::new(
-                ErrorCode::Quota,
-                format!("an image may have {limit} pixels, the camera has {pixels}"),
-            ));
-        }
         if let Frames::Key(key) = &settings.frames {
             self.check_frame_key(key).map_err(|error| ErrorReply::new(ErrorCode::BadSettings, error))?;
         }
@@ -153,23 +129,12 @@ impl Registrar {
         Ok(())
     }
 
-    /// A task's key that no task answers.
-    fn answer_unclaimed(&self, query: &Query) {
-        let key = query.key_expr();
-        match self.shared.keys.parse_task(key.as_str()) {
-            Some((task, _)) => {
-                let error = format!("there is no task {task}; it may have been closed");
-                reply_error(query, &ErrorReply::new(ErrorCode::UnknownTask, error));
-            }
-            None => reply_error(query, &ErrorReply::new(ErrorCode::BadName, format!("{key} is not a key of a task"))),
-        }
-    }
-
     fn close(&mut self, task: &TaskKey) {
         let Some(desk) = lock(&self.shared.desks).remove(&task.to_string()) else { return };
         desk.closing.store(true, Ordering::Release);
         lock(&desk.outlet).halt(Some(Status::Stopped), self.shared.now());
         self.endpoints.remove(task);
+        desk.forget();
         tracing::info!(%task, "closed");
     }
 }
@@ -185,6 +150,7 @@ fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zeno
     let period = Duration::from_secs_f64(settings.frame_period_s);
     let governor = Governor::new(acceleration_limits(settings), task.watchdog(), period);
     let (epoch, born) = (epoch(&shared.worker), shared.now());
+    let secret = Secret::new(rand::random());
     let first = TwistMessage { epoch, valid_ms: settings.watchdog_ms(), ..TwistMessage::zero(task.status()) };
     Ok(Desk {
         twist_key: KeyExpr::try_from(shared.keys.twist(&key))?,
@@ -193,18 +159,23 @@ fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zeno
         board: Mutex::new(Board::new(key.clone(), epoch, born)),
         mailbox: Mailbox::new(shared.config.mailbox_depth, shared.config.limits.bytes_per_payload),
         task: Mutex::new(task),
-        secret: Secret::new(rand::random()),
+        frame_secret: secret.for_frames(),
+        secret,
+        tenant: shared.tenants.of(&key.client, born),
+        public: Mutex::new(Bucket::new(PUBLIC_PER_S)),
+        target_bytes: Mutex::new(None),
+        pixels: AtomicU64::new(pixels(settings)),
+        frames_need_secret: AtomicBool::new(settings.frame_secret),
         shared: Arc::clone(shared),
         halt: Mutex::new(None),
         lease_watch: Mutex::new(LeaseWatch::default()),
-        lease: settings.lease,
+        lease: Mutex::default(),
         idle_close_s: AtomicU32::new(settings.idle_close_s),
         closing: AtomicBool::new(false),
         close_given: AtomicBool::new(false),
         scheduled: AtomicBool::new(false),
         key,
         epoch,
-        born,
     })
 }
 

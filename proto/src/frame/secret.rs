@@ -3,6 +3,7 @@
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
+use sha3::{Digest, Sha3_256};
 
 /// 16 bytes; 32 hexadecimal digits in JSON.
 #[derive(Clone, Serialize, Deserialize)]
@@ -24,6 +25,13 @@ impl Secret {
     /// The secret of these bytes.
     pub fn new(bytes: [u8; Secret::BYTES]) -> Secret {
         Secret(bytes)
+    }
+
+    /// The secret that goes with pushed frames, of a task with this one: the first 16 bytes of the SHA3-256 of
+    /// `domvs frame` and these bytes. Who overhears it, or keeps a camera, can push frames and control nothing.
+    pub fn for_frames(&self) -> Secret {
+        let digest = Sha3_256::new_with_prefix(b"domvs frame").chain_update(self.0).finalize();
+        Secret(std::array::from_fn(|byte| digest[byte]))
     }
 
     /// The bytes, as they follow a frame header or fill an attachment.

@@ -45,7 +45,8 @@ impl Stage {
     /// A worker with this configuration, but for its name.
     pub async fn with(config: ServerConfig) -> Stage {
         let (router, endpoint) = router().await;
-        let session = zenoh::open(client_config(&endpoint)).await.expect("the router is there");
+        let joined = domvs_server::session::prepared(client_config(&endpoint)).expect("a fine configuration");
+        let session = zenoh::open(joined).await.expect("the router is there");
         let config = ServerConfig { worker: WORKER.into(), ..config }.checked().expect("a fine configuration");
         let service = Service::start(config, session).await.expect("the worker starts");
         Stage { service, keys: Keys::default(), router, endpoint }
