@@ -18,3 +18,4 @@ mod recording;
 mod requests;
 mod settings;
 mod support;
+mod tenancy;

@@ -1,6 +1,7 @@
 //! What every test stands on: a router of its own, a worker in a session of its own, pictures of a true scene, and
 //! waits that are on a condition and have a limit.
 
+mod deaf;
 mod following;
 mod pictures;
 mod questions;
@@ -17,6 +18,7 @@ pub use domvs_proto::twist::TwistMessage;
 use domvs_server::{ServerConfig, Service};
 use zenoh::{Config, Session};
 
+pub use deaf::DeafLink;
 pub use following::{Following, next_status, push};
 pub use pictures::{Scene, exact, gray8, jpeg, png};
 pub use questions::{Answer, Question, code};
@@ -57,6 +59,13 @@ impl Stage {
         client_config(&self.endpoint)
     }
 
+    /// A way to the router that can turn deaf, and a client on it.
+    pub async fn deaf_client(&self, name: &str) -> (DeafLink, Client) {
+        let link = DeafLink::to(&self.endpoint);
+        let options = ClientOptions { zenoh: client_config(&link.endpoint), ..self.options(name) };
+        (link, Client::connect(options).await.expect("the router is there"))
+    }
+
     /// A session of somebody who is not a client of this project.
     pub async fn stranger(&self) -> Session {
         zenoh::open(self.config()).await.expect("the router is there")
@@ -64,15 +73,18 @@ impl Stage {
 
     /// A client in a session of its own, with the patience of the tests.
     pub async fn client(&self, name: &str) -> Client {
-        let options = ClientOptions {
+        Client::connect(self.options(name)).await.expect("the router is there")
+    }
+
+    fn options(&self, name: &str) -> ClientOptions {
+        ClientOptions {
             zenoh: self.config(),
             connect_limit: LIMIT,
             discovery_limit: LIMIT,
             request_timeout: LIMIT,
             twist_timeout: LIMIT,
             ..ClientOptions::named(name).expect("a fine name")
-        };
-        Client::connect(options).await.expect("the router is there")
+        }
     }
 
     /// The worker ends in order, then the router.
