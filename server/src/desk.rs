@@ -196,7 +196,8 @@ impl Desk {
     /// The task is closed: what it took of its client's account is given back, whoever still looks at it.
     pub(crate) fn forget(&self) {
         lock(&self.target_bytes).take();
-        *lock(&self.lease) = WatchedLease::default();
+        let lease = std::mem::take(&mut *lock(&self.lease));
+        drop(lease);
     }
 
     pub(crate) fn check_bytes(&self, payload: Option<&ZBytes>) -> Result<(), String> {

@@ -53,8 +53,11 @@ impl Desk {
         };
         let token = key.map(|key| self.watch_token(key)).transpose()?;
         let mut watch = lock(&self.lease_watch);
-        *lock(&self.lease) = WatchedLease { token };
+        let before = std::mem::replace(&mut *lock(&self.lease), WatchedLease { token });
         (watch.seen, watch.chosen) = (false, self.shared.now());
+        drop(watch);
+        // It says farewell to the network, for which the clock should not wait.
+        drop(before);
         Ok(())
     }
 

@@ -43,6 +43,7 @@ impl Shared {
     /// What `info` says of the limits, and of what is used of them.
     pub(crate) fn quotas(&self) -> Quotas {
         let limits = &self.config.limits;
+        let pixels_used = lock(&self.desks).values().map(|desk| desk.pixels.load(Ordering::Acquire)).sum();
         Quotas {
             tasks_per_client: limits.tasks_per_client as u64,
             pixels_per_client: limits.pixels_per_client as u64,
@@ -53,7 +54,7 @@ impl Shared {
             waiting: limits.waiting as u64,
             frames_per_s_per_client: limits.frames_per_s_per_client as u64,
             requests_per_s_per_client: limits.requests_per_s_per_client as u64,
-            pixels_used: lock(&self.desks).values().map(|desk| desk.pixels.load(Ordering::Acquire)).sum(),
+            pixels_used,
             bytes_used: self.tenants.bytes() as u64,
         }
     }

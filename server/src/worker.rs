@@ -263,8 +263,10 @@ impl Shared {
     }
 
     pub(crate) fn info(&self) -> WorkerInfo {
+        // The quotas look at the tasks too, one after the other.
+        let tasks = lock(&self.desks).len() as u32;
         WorkerInfo {
-            tasks: lock(&self.desks).len() as u32,
+            tasks,
             capacity: self.config.limits.tasks as u32,
             load: f64::from_bits(self.load.load(Ordering::Relaxed)),
             threads: self.config.compute_threads() as u32,
