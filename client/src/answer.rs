@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use domvs_proto::body;
-use domvs_proto::messages::ErrorReply;
+use domvs_proto::messages::{ErrorCode, ErrorReply};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tokio::time::{Instant, sleep, timeout_at};
@@ -100,13 +100,19 @@ impl Request<'_> {
         Request { session, key, payload: ZBytes::new(), encoding: Encoding::default(), attachment: None, limit }
     }
 
-    /// Asks until there is an answer, a refusal, a timeout, or the limit has gone by in empty answers.
+    /// Asks until there is an answer, a refusal, a timeout, or the limit has gone by in empty answers. A worker that hands
+    /// the task over is no refusal: the next owner is asked.
     pub(crate) async fn ask(&self) -> Result<Sample, ClientError> {
         let deadline = Instant::now() + self.limit;
         loop {
             let answer = self.ask_once(deadline.saturating_duration_since(Instant::now())).await;
-            let empty = matches!(answer, Err(ClientError::NoAnswer { reason: Silence::Empty, .. }));
-            if !empty || Instant::now() + PAUSE >= deadline {
+            // Nobody is there, or the one who was is just handing the task over.
+            let between_owners = matches!(
+                answer,
+                Err(ClientError::NoAnswer { reason: Silence::Empty, .. }
+                    | ClientError::Refused { code: ErrorCode::Superseded, .. })
+            );
+            if !between_owners || Instant::now() + PAUSE >= deadline {
                 return answer;
             }
             sleep(PAUSE).await;

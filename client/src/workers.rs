@@ -51,7 +51,7 @@ pub(crate) async fn workers(session: &Session, keys: &Keys, limit: Duration) -> 
     loop {
         let mut found = one_round(session, keys, ROUND.min(limit)).await?;
         if !found.is_empty() {
-            found.sort_by(|a, b| a.load.total_cmp(&b.load).then(a.tasks.cmp(&b.tasks)).then(a.worker.cmp(&b.worker)));
+            found.sort_by(|a, b| burden(a).total_cmp(&burden(b)).then(a.worker.cmp(&b.worker)));
             return Ok(found);
         }
         if started.elapsed() + PAUSE >= limit {
@@ -59,6 +59,11 @@ pub(crate) async fn workers(session: &Session, keys: &Keys, limit: Duration) -> 
         }
         sleep(PAUSE).await;
     }
+}
+
+/// How busy a worker is and how full: the load of the last second knows nothing of the tasks that were made since.
+fn burden(worker: &WorkerInfo) -> f64 {
+    worker.load + f64::from(worker.tasks) / f64::from(worker.capacity.max(1))
 }
 
 async fn one_round(session: &Session, keys: &Keys, limit: Duration) -> Result<Vec<WorkerInfo>, ClientError> {

@@ -10,7 +10,7 @@ mod secret;
 
 pub use error::FrameError;
 pub use layout::FrameLayout;
-pub use secret::{Secret, SecretError};
+pub use secret::{Secret, SecretError, SecretHash};
 
 use crate::WIRE_VERSION;
 

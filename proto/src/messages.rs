@@ -4,15 +4,17 @@
 //! more; what it may not do is rename or drop a field.
 
 mod errors;
+mod state;
 
 pub use self::errors::{ErrorCode, ErrorReply};
+pub use self::state::{Phase, Progress, StateMessage, TargetReference, TaskClosed, TaskProgress, TaskState};
 
 use serde::{Deserialize, Serialize};
 
 use crate::WIRE_VERSION;
 use crate::frame::Secret;
 use crate::keys::{Name, TaskKey};
-use crate::settings::{Camera, Method, TaskSettings};
+use crate::settings::{Camera, Method};
 use crate::status::Status;
 
 /// The answer to `create`.
@@ -192,6 +194,12 @@ pub struct WorkerInfo {
     pub tasks: u32,
     /// Tasks it can own.
     pub capacity: u32,
+    /// Tasks of other workers that it keeps ready to take over.
+    #[serde(default)]
+    pub standby: u32,
+    /// Why its state directory cannot be written now; null when it can, or when there is none.
+    #[serde(default)]
+    pub state_error: Option<String>,
     /// Busy share of its compute threads over the last second, 0 to 1.
     pub load: f64,
     /// Compute threads.
@@ -220,6 +228,8 @@ impl WorkerInfo {
             methods: Method::ALL.into_iter().map(|method| method.word().to_owned()).collect(),
             tasks: 0,
             capacity: 0,
+            standby: 0,
+            state_error: None,
             load: 0.0,
             threads: 0,
             max_pixels: 0,
@@ -270,47 +280,4 @@ pub struct CameraInfo {
     pub frame_period_s: f64,
     /// Whether its frames have a depth plane.
     pub depth: bool,
-}
-
-/// Which target a task has, without its pixels: those are on `target`.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct TargetReference {
-    /// Hash of header, Encoding and payload, in hexadecimal; the same for the same target on one worker version.
-    pub hash: String,
-    /// Pixels in a row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Size of the payload, bytes.
-    pub payload_bytes: u64,
-}
-
-/// What is published and answered on `state`: what a standby needs. The secret is not in it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct TaskState {
-    /// The task, `client/id`.
-    pub task: TaskKey,
-    /// The owner.
-    pub worker: Name,
-    /// The owner's epoch.
-    pub epoch: u32,
-    /// The settings in force.
-    pub settings: TaskSettings,
-    /// The target; null = none set.
-    pub target: Option<TargetReference>,
-    /// How far it is.
-    pub progress: Progress,
-}
-
-/// How far a task is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Progress {
-    /// What it is doing, or why it does not move.
-    pub status: Status,
-    /// Twists computed since `start`.
-    pub twists: u64,
-    /// Frames in a row within the stop threshold.
-    pub held_frames: u32,
-    /// Sequence of the newest frame.
-    pub sequence: u64,
 }

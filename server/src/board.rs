@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use domvs_proto::keys::TaskKey;
-use domvs_proto::messages::{FramesDropped, StatusMessage};
+use domvs_proto::messages::{FramesDropped, Progress, StatusMessage};
 use domvs_proto::status::Status;
 use domvs_proto::twist::TwistMessage;
 
@@ -12,6 +12,8 @@ use crate::task::Estimates;
 
 /// `status` is repeated this often when nothing changes: 2 Hz.
 const STATUS_PERIOD: Duration = Duration::from_millis(500);
+/// Standbys hear this often how far a task is: 1 Hz.
+const PROGRESS_PERIOD: Duration = Duration::from_secs(1);
 
 /// The counters and the last word of one task.
 #[derive(Clone, Debug)]
@@ -21,13 +23,52 @@ pub struct Board {
     last_published: Option<Moment>,
     last_used: Moment,
     last_frame: Moment,
+    /// As the task stood after its last piece of work.
+    progress: Option<Progress>,
+    progress_published: Moment,
 }
 
 impl Board {
     /// The board of a task created at `born`.
-    pub fn new(task: TaskKey, epoch: u32, born: Moment) -> Board {
-        let message = StatusMessage::new(task, Status::WaitingTarget, epoch);
-        Board { message, born, last_published: None, last_used: born, last_frame: born }
+    pub fn new(task: TaskKey, status: Status, epoch: u32, born: Moment) -> Board {
+        let message = StatusMessage::new(task, status, epoch);
+        Board {
+            message,
+            born,
+            last_published: None,
+            last_used: born,
+            last_frame: born,
+            progress: None,
+            progress_published: born,
+        }
+    }
+
+    /// Goes on with the counters of the owner before.
+    pub fn go_on(&mut self, progress: &Progress) {
+        (self.message.twists, self.message.sequence) = (progress.twists, progress.sequence);
+        (self.message.frames_in, self.message.frames_dropped) = (progress.frames_in, progress.frames_dropped);
+    }
+
+    /// Notes how far the task is now. Returns the progress that standbys must hear at once: where it stands has changed.
+    pub fn advanced(&mut self, progress: Progress) -> Option<Progress> {
+        let before = self.progress.replace(progress);
+        let changed = before.is_some_and(|before| before.phase != progress.phase);
+        changed.then(|| self.progress()).flatten()
+    }
+
+    /// How far the task is, frames counted; `None` before it has done anything.
+    pub fn progress(&self) -> Option<Progress> {
+        let (frames_in, frames_dropped) = (self.message.frames_in, self.message.frames_dropped);
+        self.progress.map(|progress| Progress { status: self.message.status, frames_in, frames_dropped, ..progress })
+    }
+
+    /// How far the task is, if it is time to tell the standbys again.
+    pub fn progress_due(&mut self, now: Moment) -> Option<Progress> {
+        if now.saturating_sub(self.progress_published) < PROGRESS_PERIOD {
+            return None;
+        }
+        self.progress_published = now;
+        self.progress()
     }
 
     /// What the task said last.
@@ -128,7 +169,7 @@ mod tests {
     use super::*;
 
     fn board() -> Board {
-        Board::new("alice/one".parse().expect("a task"), 7, Duration::ZERO)
+        Board::new("alice/one".parse().expect("a task"), Status::WaitingTarget, 7, Duration::ZERO)
     }
 
     fn ms(ms: u64) -> Moment {

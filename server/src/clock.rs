@@ -58,8 +58,16 @@ fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
     if !leased && now.saturating_sub(board.last_used()) > idle_close {
         desk.closing.store(true, Ordering::Release);
     }
-    let message = board.due(now);
+    let mut message = board.due(now);
+    if let Some(message) = message.as_mut().filter(|message| message.detail.is_none()) {
+        let error = desk.shared.states.as_ref().and_then(|states| states.error());
+        message.detail = error.map(|error| format!("the task is not saved for a restart: {error}"));
+    }
+    let progress = board.progress_due(now);
     drop(board);
+    if let Some(progress) = progress {
+        desk.publish_progress(progress);
+    }
     if let Some(message) = message {
         let json = body::write(&message);
         desk.publications.status(&json);

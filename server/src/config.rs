@@ -22,10 +22,14 @@ pub struct ServerConfig {
     pub mailbox_depth: usize,
     /// A folder for recordings; empty: nothing is recorded.
     pub record: PathBuf,
+    /// A folder in which a worker alone keeps its tasks over a restart; empty: they end with it.
+    pub state: PathBuf,
     /// What clients may use.
     pub limits: Limits,
     /// When a task whose client has gone is closed.
     pub lease: Lease,
+    /// What this worker keeps of the others' tasks, to go on with them.
+    pub replica: Replica,
 }
 
 /// What one worker grants.
@@ -58,6 +62,18 @@ pub struct Limits {
     pub requests_per_s_per_client: usize,
 }
 
+/// What a standby may hold.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Replica {
+    /// Tasks whose state is kept.
+    pub tasks: usize,
+    /// Bytes of their states and targets, and of those that wait to be read.
+    pub bytes: usize,
+    /// Tasks made ready, with buffers and bases, of those this worker would be the first to take over.
+    pub prepared: usize,
+}
+
 /// How long a client may be gone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -74,8 +90,10 @@ impl Default for ServerConfig {
             threads: 0,
             mailbox_depth: 4,
             record: PathBuf::new(),
+            state: PathBuf::new(),
             limits: Limits::default(),
             lease: Lease::default(),
+            replica: Replica::default(),
         }
     }
 }
@@ -96,6 +114,12 @@ impl Default for Limits {
             frames_per_s_per_client: 2000,
             requests_per_s_per_client: 500,
         }
+    }
+}
+
+impl Default for Replica {
+    fn default() -> Self {
+        Replica { tasks: 256, bytes: 256 * 1024 * 1024, prepared: 16 }
     }
 }
 
@@ -154,6 +178,9 @@ impl ServerConfig {
         }
         check_range("threads", "0 to 256", self.threads, 0, 256)?;
         check_range("mailbox_depth", "1 to 64", self.mailbox_depth, 1, 64)?;
+        check_range("replica.tasks", "0 to 10000", self.replica.tasks, 0, 10_000)?;
+        check_range("replica.bytes", "0 to 17179869184", self.replica.bytes, 0, 1 << 34)?;
+        check_range("replica.prepared", "0 to 10000", self.replica.prepared, 0, 10_000)?;
         self.limits.check()?;
         Ok(self)
     }

@@ -7,7 +7,7 @@
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use domvs_proto::body;
@@ -25,6 +25,7 @@ use crate::endpoints::Publications;
 use crate::lease::{LeaseWatch, WatchedLease};
 use crate::mailbox::{Item, Mailbox};
 use crate::outlet::Outlet;
+use crate::ownership::SecretCheck;
 use crate::pool::Work;
 use crate::task::Task;
 use crate::tenants::{Bucket, Held, Tenant};
@@ -84,9 +85,9 @@ pub(crate) struct Desk {
     /// Of `twist`, made once: it goes with every reply.
     pub(crate) twist_key: KeyExpr<'static>,
     pub(crate) epoch: u32,
-    pub(crate) secret: Secret,
+    pub(crate) secret: SecretCheck,
     /// What lets a camera push frames, and nothing else.
-    pub(crate) frame_secret: Secret,
+    pub(crate) frame_secret: SecretCheck,
     /// Of the settings: what callbacks need without waiting for the task.
     pub(crate) frames_need_secret: AtomicBool,
     /// What its client uses and may use.
@@ -113,6 +114,12 @@ pub(crate) struct Desk {
     pub(crate) halt: Mutex<Option<Status>>,
     /// The client, or nobody's using it, asked for the end.
     pub(crate) closing: AtomicBool,
+    /// How often the whole state has been published.
+    pub(crate) revision: AtomicU64,
+    /// A newer owner has it.
+    pub(crate) superseded: AtomicBool,
+    /// This worker ends its session; another goes on.
+    pub(crate) leaving: AtomicBool,
     /// The registrar has been told.
     pub(crate) close_given: AtomicBool,
     pub(crate) scheduled: AtomicBool,
@@ -149,6 +156,12 @@ impl Desk {
         lock(&self.halt).get_or_insert(status);
     }
 
+    /// A newer owner has the task: asks for the last halt, whatever other one waits.
+    pub(crate) fn supersede(&self) {
+        self.superseded.store(true, Ordering::Release);
+        *lock(&self.halt) = Some(Status::Superseded);
+    }
+
     /// The last words of a worker that ends, after its zeros: `owner_lost`, and an answer to every request that waits.
     pub(crate) fn say_last_words(&self, now: Moment) {
         let (requests, _) = self.mailbox.discard_images();
@@ -181,7 +194,7 @@ impl Desk {
 
     pub(crate) fn check_owner(&self, secret: Option<&Secret>) -> Result<(), ErrorReply> {
         match secret {
-            Some(secret) if *secret == self.secret => Ok(()),
+            Some(secret) if self.secret.admits(secret) => Ok(()),
             Some(_) => Err(ErrorReply::new(ErrorCode::NotOwner, "the secret is not this task's")),
             None => Err(ErrorReply::new(ErrorCode::NotOwner, "the request carries no secret; create returned it")),
         }
@@ -190,7 +203,7 @@ impl Desk {
     /// Whether a pushed frame with this secret is this task's.
     pub(crate) fn takes_frames_of(&self, secret: &Secret) -> bool {
         // Both are compared whatever the first says.
-        (*secret == self.frame_secret) | (*secret == self.secret)
+        self.frame_secret.admits(secret) | self.secret.admits(secret)
     }
 
     /// The task is closed: what it took of its client's account is given back, whoever still looks at it.

@@ -17,6 +17,7 @@ use zenoh::{Session, Wait};
 use crate::desk::Desk;
 use crate::door;
 use crate::outlet::Publish;
+use crate::task::SentTarget;
 
 /// What a task publishes besides `command`.
 pub(crate) struct Publications {
@@ -35,6 +36,7 @@ pub(crate) struct Endpoints {
 impl Publications {
     pub(crate) fn declare(session: &Session, keys: &Keys, task: &TaskKey) -> zenoh::Result<Publications> {
         let status = session.declare_publisher(keys.status(task)).encoding(body::JSON).wait()?;
+        // Never waits, like all that is published: a standby that misses something sees it by the revision, and asks.
         let state = session.declare_publisher(keys.state(task)).encoding(body::JSON).wait()?;
         Ok(Publications { status, state })
     }
@@ -45,6 +47,14 @@ impl Publications {
 
     pub(crate) fn state(&self, json: Vec<u8>) {
         log_failure(self.state.put(json).wait());
+    }
+}
+
+impl Publications {
+    /// The target itself, for standbys.
+    pub(crate) fn target(&self, sent: &SentTarget) {
+        let put = self.state.put(sent.payload.clone()).encoding(sent.encoding.as_str());
+        log_failure(put.attachment(sent.header.encode()).wait());
     }
 }
 

@@ -135,6 +135,12 @@ impl Desk {
         let mut board = lock(&self.board);
         board.answered(&answer, task.iterations(), task.detail());
         board.estimated(task.estimates());
+        let advanced = board.advanced(task.progress(answer.status));
+        drop(board);
+        if let Some(progress) = advanced {
+            self.publish_progress(progress);
+            self.keep(task);
+        }
         answer
     }
 

@@ -7,8 +7,9 @@
 //! Around each [`task`] stand three things that are locked one by one: its *desk*, where the pool does its `orders`
 //! and `frames`; its *outlet*, the only way to `command`, which the clock can reach while the desk is busy; and its
 //! *board*, which holds what `status` says. `worker` ties all to Zenoh, the `registrar` makes and closes tasks, the
-//! `clock` watches what does not happen, the `clerk`s answer what needs no computation. What a client is let have is counted in
-//! `tenants` and `quotas`, the token it hangs on is watched in `lease`. Start reading at [`pipeline::on_frame`].
+//! `clock` watches what does not happen, the `clerk`s answer what needs no computation, the `replica` stands by for the tasks of
+//! other workers. What a client is let have is counted in `tenants` and `quotas`, the token it hangs on is watched in `lease`. Start
+//! reading at [`pipeline::on_frame`].
 
 use std::time::Duration;
 
@@ -60,11 +61,21 @@ mod endpoints;
 
 mod clock;
 
+mod ownership;
+
 mod registrar;
 
 mod clerk;
 
+mod replica;
+
+pub mod state_file;
+
+mod state_dir;
+
 mod worker;
+
+mod service;
 
 pub mod session;
 
@@ -75,7 +86,8 @@ pub use config::{ConfigError, ServerConfig};
 pub use governor::{AccelerationLimits, Governed, Governor, limit_speed};
 pub use life::DIVERGING_FRAMES;
 pub use outlet::ZERO_PERIOD;
-pub use worker::{Service, ServiceError};
+pub use service::Service;
+pub use worker::ServiceError;
 
 /// A time by the worker's monotonic clock: since the worker started. Always an argument, never read in the
 /// steps themselves, so that tests choose it and a recording can feed it back.

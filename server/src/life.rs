@@ -4,7 +4,7 @@
 //! before `start`, save with `autostart`. A latched status stays until `start` or `resume`; the others clear
 //! at the next good frame.
 
-use domvs_proto::messages::Control;
+use domvs_proto::messages::{Control, Phase};
 use domvs_proto::settings::Stop;
 use domvs_proto::status::Status;
 use domvs_vision::Step;
@@ -12,18 +12,12 @@ use domvs_vision::Step;
 /// Frames in a row that must have grown beyond [`diverged`]'s bound before a servoing counts as diverging.
 pub const DIVERGING_FRAMES: u32 = 10;
 
-/// Where a task stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
-    Idle,
-    Running,
-    Latched(Status),
-}
-
 /// The counters and the phase of one task.
 #[derive(Clone, Debug)]
 pub struct Life {
     phase: Phase,
+    /// This worker is giving the task up: it moves no more here, but what another goes on from is the phase.
+    handed_over: Option<Status>,
     has_target: bool,
     iterations: u64,
     held_frames: u32,
@@ -47,6 +41,7 @@ impl Default for Life {
     fn default() -> Self {
         Life {
             phase: Phase::Idle,
+            handed_over: None,
             has_target: false,
             iterations: 0,
             held_frames: 0,
@@ -59,6 +54,9 @@ impl Default for Life {
 impl Life {
     /// What this task says while no frame decides otherwise.
     pub fn status(&self) -> Status {
+        if let Some(status) = self.handed_over {
+            return status;
+        }
         match self.phase {
             Phase::Latched(status) => status,
             _ if !self.has_target => Status::WaitingTarget,
@@ -69,7 +67,23 @@ impl Life {
 
     /// Whether a good frame may move the camera.
     pub fn is_running(&self) -> bool {
-        self.phase == Phase::Running
+        self.phase == Phase::Running && self.handed_over.is_none()
+    }
+
+    /// Where the task stands, whoever owns it.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Pixel error of the first good step since `start`.
+    pub fn initial_pixel_mse(&self) -> Option<f64> {
+        self.initial_pixel_mse
+    }
+
+    /// Goes on where another worker ended, from its phase and counters. What has to be held in a row begins anew.
+    pub fn go_on(&mut self, phase: Phase, iterations: u64, initial_pixel_mse: Option<f64>) {
+        (self.phase, self.iterations, self.initial_pixel_mse) = (phase, iterations, initial_pixel_mse);
+        (self.held_frames, self.growing_frames) = (0, 0);
     }
 
     /// Images used since `start`.
@@ -108,6 +122,9 @@ impl Life {
     /// Obeys a control word. Returns whether the law must forget its initial image. `close` changes nothing here.
     /// Fails with the present status when the word makes no sense now.
     pub fn control(&mut self, control: Control) -> Result<bool, Status> {
+        if let Some(status) = self.handed_over {
+            return Err(status);
+        }
         match (control, self.phase) {
             (Control::Close, _) => Ok(false),
             (Control::Stop, _) => {
@@ -135,9 +152,12 @@ impl Life {
         }
     }
 
-    /// Ends whatever runs with a latched status.
+    /// Ends whatever runs: with a latched status, or, when this worker gives the task up, for good on this worker alone.
     pub fn latch(&mut self, status: Status) {
-        self.phase = Phase::Latched(status);
+        match status {
+            Status::OwnerLost | Status::Superseded => self.handed_over = Some(status),
+            status => self.phase = Phase::Latched(status),
+        }
     }
 
     /// Counts a good step and judges it.
@@ -166,7 +186,8 @@ impl Life {
     }
 
     fn reset(&mut self) {
-        *self = Life { phase: self.phase, has_target: self.has_target, ..Life::default() };
+        *self =
+            Life { phase: self.phase, handed_over: self.handed_over, has_target: self.has_target, ..Life::default() };
     }
 }
 

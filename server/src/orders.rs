@@ -5,7 +5,9 @@ use std::sync::atomic::Ordering;
 use domvs_proto::body;
 use domvs_proto::frame::Secret;
 use domvs_proto::keys::Leaf;
-use domvs_proto::messages::{Control, ControlReply, ErrorCode, ErrorReply, TargetReference, TaskState};
+use domvs_proto::messages::{
+    Control, ControlReply, ErrorCode, ErrorReply, Progress, TargetReference, TaskClosed, TaskProgress, TaskState,
+};
 use domvs_proto::settings::TaskSettings;
 use domvs_proto::status::Status;
 use serde_json::Value;
@@ -18,6 +20,7 @@ use crate::answers::{log_failure, read_json, reply_error, reply_json};
 use crate::desk::{Desk, Order, lock};
 use crate::law::acceleration_limits;
 use crate::payload::{Payload, header_of};
+use crate::replica::TARGET;
 use crate::task::{Frame, Route, SentTarget, Task};
 
 impl Desk {
@@ -30,6 +33,7 @@ impl Desk {
             Order::Target(query, received) => {
                 self.answer(&query, Leaf::Target, |desk| desk.set_target(&query, received));
             }
+            Order::State(query) if query.parameters().contains_key(TARGET) => self.answer_state_target(&query),
             Order::State(query) => {
                 self.answer(&query, Leaf::State, |desk| Ok(body::write(&desk.state(&lock(&desk.task)))));
             }
@@ -57,6 +61,10 @@ impl Desk {
         // Whoever closes says so before it halts the outlet for good, so nothing lifts that halt.
         if self.closing.load(Ordering::Acquire) {
             return Err(ErrorReply::new(ErrorCode::Closed, format!("task {} is being closed", self.key)));
+        }
+        if self.leaving.load(Ordering::Acquire) || self.superseded.load(Ordering::Acquire) {
+            let error = format!("another worker takes task {} over; ask again", self.key);
+            return Err(ErrorReply::new(ErrorCode::Superseded, error));
         }
         let status = task.control(control)?;
         let now = self.shared.now();
@@ -142,7 +150,12 @@ impl Desk {
         }
         let size = task.target().map(|sent| sent.size);
         tracing::info!(task = %self.key, ?size, %status, "target set");
-        self.said(&task, status)
+        let said = self.said(&task, status);
+        if let Some(sent) = task.target() {
+            // After the state that names it: standbys keep no other.
+            self.publications.target(sent);
+        }
+        said
     }
 
     fn answer_target(&self, query: &Query) {
@@ -157,35 +170,77 @@ impl Desk {
         }
     }
 
+    /// A standby asks for the target itself.
+    fn answer_state_target(&self, query: &Query) {
+        match lock(&self.task).target().cloned() {
+            Some(SentTarget { header, encoding, payload, .. }) => {
+                let reply = query.reply(self.shared.keys.state(&self.key), payload).encoding(encoding.as_str());
+                log_failure(reply.attachment(header.encode()).wait());
+            }
+            None => reply_error(query, &ErrorReply::new(ErrorCode::NoTarget, "no target is set")),
+        }
+    }
+
     fn said(&self, task: &Task, status: Status) -> Result<Vec<u8>, ErrorReply> {
         lock(&self.board).say(status, None);
         self.publish_state(task);
         Ok(body::write(&ControlReply { status }))
     }
 
-    fn state(&self, task: &Task) -> TaskState {
+    pub(crate) fn state(&self, task: &Task) -> TaskState {
+        let mut board = lock(&self.board);
+        let progress = task.progress(board.status());
+        board.advanced(progress);
         TaskState {
             task: self.key.clone(),
             worker: self.shared.worker.clone(),
             epoch: self.epoch,
+            revision: self.revision.load(Ordering::Acquire),
+            secret_hash: self.secret.hash(),
+            frame_secret_hash: self.frame_secret.hash(),
             settings: task.settings().clone(),
             target: task.target().map(|sent| TargetReference {
-                hash: sent.hash(),
+                hash: sent.hash().to_owned(),
                 width: sent.size[0] as u32,
                 height: sent.size[1] as u32,
                 payload_bytes: sent.payload.len() as u64,
             }),
-            progress: task.progress(lock(&self.board).status()),
+            progress: board.progress().unwrap_or(progress),
         }
     }
 
     pub(crate) fn publish_state(&self, task: &Task) {
+        self.revision.fetch_add(1, Ordering::AcqRel);
         self.publications.state(body::write(&self.state(task)));
+        self.keep(task);
     }
 
-    /// Tells the recorder about the settings a task was created with.
+    /// Saves the task, if there is a state directory.
+    pub(crate) fn keep(&self, task: &Task) {
+        let ours = !self.closing.load(Ordering::Acquire) && !self.superseded.load(Ordering::Acquire);
+        if let Some(states) = self.shared.states.as_ref().filter(|_| ours) {
+            states.save(self.state(task), task.target().cloned());
+        }
+    }
+
+    /// The small part of the state.
+    pub(crate) fn publish_progress(&self, progress: Progress) {
+        let (task, worker) = (self.key.clone(), self.shared.worker.clone());
+        let revision = self.revision.load(Ordering::Acquire);
+        self.publications.state(body::write(&TaskProgress { task, worker, epoch: self.epoch, revision, progress }));
+    }
+
+    /// The last word: nobody takes this task over.
+    pub(crate) fn publish_end(&self) {
+        let (task, worker) = (self.key.clone(), self.shared.worker.clone());
+        self.publications.state(body::write(&TaskClosed { task, worker, epoch: self.epoch, closed: true }));
+    }
+
+    /// Tells the recorder about the settings a task was created with, and the standbys about the task.
     pub(crate) fn created(&self) {
-        self.settings_changed(&lock(&self.task));
+        let task = lock(&self.task);
+        self.settings_changed(&task);
+        self.publish_state(&task);
     }
 }
 

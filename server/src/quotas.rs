@@ -24,6 +24,12 @@ impl Shared {
         self.check_tasks_of(&lock(&self.desks), client)
     }
 
+    /// Whether there is room for a task that is not here.
+    pub(crate) fn has_room_for(&self, task: &TaskKey, settings: &TaskSettings) -> bool {
+        let desks = lock(&self.desks);
+        self.check_tasks_of(&desks, &task.client).and_then(|()| self.check_pixels(&desks, task, settings)).is_ok()
+    }
+
     /// Takes a new task in, if there is room for it and its pixels.
     pub(crate) fn admit(&self, desk: &Arc<Desk>, settings: &TaskSettings) -> Result<(), ErrorReply> {
         let mut desks = lock(&self.desks);

@@ -8,7 +8,7 @@ use std::time::Duration;
 use domvs_proto::body;
 use domvs_proto::frame::Secret;
 use domvs_proto::keys::{Name, TaskKey};
-use domvs_proto::messages::{CreateReply, ErrorCode, ErrorReply};
+use domvs_proto::messages::{CreateReply, ErrorCode, ErrorReply, Phase, Progress};
 use domvs_proto::settings::{Frames, TaskSettings};
 use domvs_proto::status::Status;
 use domvs_proto::twist::TwistMessage;
@@ -16,6 +16,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::query::Query;
 
+use crate::Moment;
 use crate::answers::{reply_error, reply_json};
 use crate::board::Board;
 use crate::decode::DecodeLimits;
@@ -26,7 +27,9 @@ use crate::law::acceleration_limits;
 use crate::lease::LeaseWatch;
 use crate::mailbox::Mailbox;
 use crate::outlet::Outlet;
+use crate::ownership::SecretCheck;
 use crate::quotas::pixels;
+use crate::replica::epoch;
 use crate::task::Task;
 use crate::tenants::Bucket;
 use crate::worker::Shared;
@@ -38,6 +41,8 @@ const PUBLIC_PER_S: usize = 50;
 pub(crate) enum Job {
     Create(Query),
     Close(TaskKey),
+    /// A task that another worker has lost.
+    Adopt(Box<Adoption>),
     Shutdown,
 }
 
@@ -58,6 +63,7 @@ impl Registrar {
             match job {
                 Job::Create(query) => self.answer_create(&query),
                 Job::Close(task) => self.close(&task),
+                Job::Adopt(adoption) => self.adopt(*adoption),
                 Job::Shutdown => break,
             }
         }
@@ -89,27 +95,65 @@ impl Registrar {
         let settings = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
         let settings = TaskSettings::from_create_body(&settings).map_err(|error| ErrorReply::from(&error))?;
         self.check_settings(&settings)?;
-        let internal = |error: zenoh::Error| ErrorReply::new(ErrorCode::Internal, error);
-        let desk = Arc::new(new_desk(shared, client, &settings).map_err(internal)?);
-        // Known before it can be asked, so nobody hears that there is no such task.
-        shared.admit(&desk, &settings)?;
-        let endpoints = desk
-            .watch_lease(&settings.lease)
-            .and_then(|()| Endpoints::declare(&desk, &settings.frames))
-            .map_err(|error| {
-                lock(&shared.desks).remove(&desk.key.to_string());
-                internal(error)
-            })?;
-        let reply = CreateReply {
-            task: desk.key.clone(),
-            epoch: desk.epoch,
-            secret: desk.secret.clone(),
-            frame_secret: Some(desk.frame_secret.clone()),
-        };
-        self.endpoints.insert(desk.key.clone(), endpoints);
+        let id = format!("{:08x}", rand::random::<u32>());
+        let key = TaskKey { client, id: Name::try_from(id.as_str()).expect("hexadecimal digits are a name") };
+        let (epoch, secret) = (epoch::first(&shared.worker), Secret::new(rand::random()));
+        let frame_secret = secret.for_frames();
+        let checks = [&secret, &frame_secret].map(|secret| SecretCheck::of(secret.clone()));
+        let [of_owner, of_frames] = checks;
+        let task = Task::new(settings.clone(), decode_limits(shared));
+        let desk = self.open(Seed { key, epoch, secret: of_owner, frame_secret: of_frames, task })?;
+        let frame_secret = Some(frame_secret);
+        let reply = CreateReply { task: desk.key.clone(), epoch: desk.epoch, secret, frame_secret };
         desk.created();
         tracing::info!(task = %desk.key, method = settings.method.word(), "created");
         Ok(reply)
+    }
+
+    /// Gives a task its keys, the owner's token last, if there is room for it.
+    fn open(&mut self, seed: Seed) -> Result<Arc<Desk>, ErrorReply> {
+        let internal = |error: zenoh::Error| ErrorReply::new(ErrorCode::Internal, error);
+        let settings = seed.task.settings().clone();
+        let desk = Arc::new(new_desk(&self.shared, seed).map_err(internal)?);
+        // Known before it can be asked, so nobody hears that there is no such task.
+        self.shared.admit(&desk, &settings)?;
+        let declared =
+            desk.watch_lease(&settings.lease).and_then(|()| Endpoints::declare(&desk, &settings.frames));
+        let endpoints = declared.map_err(|error| {
+            lock(&self.shared.desks).remove(&desk.key.to_string());
+            internal(error)
+        })?;
+        self.endpoints.insert(desk.key.clone(), endpoints);
+        Ok(desk)
+    }
+
+    /// Goes on with a task that another worker has lost: at rest, with the phase and the counters it had.
+    fn adopt(&mut self, adoption: Adoption) {
+        let Adoption { seed, progress, lost } = adoption;
+        let (task, epoch) = (seed.key.clone(), seed.epoch);
+        if lock(&self.shared.desks).contains_key(&task.to_string()) {
+            return;
+        }
+        let target_bytes = seed.task.target().map_or(0, |sent| sent.payload.len());
+        let desk = match self.open(seed) {
+            Ok(desk) => desk,
+            Err(error) => return tracing::error!(%task, %error, "cannot take the task over"),
+        };
+        let held = desk.tenant.hold_bytes(target_bytes);
+        *lock(&desk.target_bytes) = held
+            .inspect_err(|error| tracing::warn!(%task, error, "the target of a task that was taken over is beyond the quota"))
+            .ok();
+        let now = self.shared.now();
+        let mut board = lock(&desk.board);
+        board.go_on(&progress);
+        drop(board);
+        if progress.phase == Phase::Latched(Status::ClientLost) {
+            // It must be taken up again, or it is closed after the grace.
+            lock(&desk.lease_watch).gone_since = Some(now);
+        }
+        desk.created();
+        let took_ms = now.saturating_sub(lost).as_millis() as u64;
+        tracing::info!(%task, epoch, phase = ?progress.phase, took_ms, "took over");
     }
 
     fn check_settings(&self, settings: &TaskSettings) -> Result<(), ErrorReply> {
@@ -132,6 +176,8 @@ impl Registrar {
     fn close(&mut self, task: &TaskKey) {
         let Some(desk) = lock(&self.shared.desks).remove(&task.to_string()) else { return };
         desk.closing.store(true, Ordering::Release);
+        desk.publish_end();
+        self.shared.states.iter().for_each(|states| states.remove(task));
         lock(&desk.outlet).halt(Some(Status::Stopped), self.shared.now());
         self.endpoints.remove(task);
         desk.forget();
@@ -139,49 +185,63 @@ impl Registrar {
     }
 }
 
-fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zenoh::Result<Desk> {
-    let id = format!("{:08x}", rand::random::<u32>());
-    let key = TaskKey { client, id: Name::try_from(id.as_str()).expect("hexadecimal digits are a name") };
-    let limits = DecodeLimits {
-        max_pixels: shared.config.limits.pixels_per_frame as u64,
-        max_bytes: shared.config.limits.bytes_per_payload,
-    };
-    let task = Task::new(settings.clone(), limits);
+/// What a task is made from.
+pub(crate) struct Seed {
+    pub(crate) key: TaskKey,
+    pub(crate) epoch: u32,
+    pub(crate) secret: SecretCheck,
+    pub(crate) frame_secret: SecretCheck,
+    pub(crate) task: Task,
+}
+
+/// A task that another worker has lost, ready to be opened here.
+pub(crate) struct Adoption {
+    pub(crate) seed: Seed,
+    /// How far it was.
+    pub(crate) progress: Progress,
+    /// When it was lost.
+    pub(crate) lost: Moment,
+}
+
+/// What a worker decodes at most.
+pub(crate) fn decode_limits(shared: &Shared) -> DecodeLimits {
+    let limits = &shared.config.limits;
+    DecodeLimits { max_pixels: limits.pixels_per_frame as u64, max_bytes: limits.bytes_per_payload }
+}
+
+fn new_desk(shared: &Arc<Shared>, seed: Seed) -> zenoh::Result<Desk> {
+    let Seed { key, epoch, secret, frame_secret, task } = seed;
+    let settings = task.settings();
     let period = Duration::from_secs_f64(settings.frame_period_s);
     let governor = Governor::new(acceleration_limits(settings), task.watchdog(), period);
-    let (epoch, born) = (epoch(&shared.worker), shared.now());
-    let secret = Secret::new(rand::random());
+    let born = shared.now();
     let first = TwistMessage { epoch, valid_ms: settings.watchdog_ms(), ..TwistMessage::zero(task.status()) };
     Ok(Desk {
         twist_key: KeyExpr::try_from(shared.keys.twist(&key))?,
         publications: Publications::declare(&shared.session, &shared.keys, &key)?,
         outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?)),
-        board: Mutex::new(Board::new(key.clone(), epoch, born)),
+        board: Mutex::new(Board::new(key.clone(), task.status(), epoch, born)),
         mailbox: Mailbox::new(shared.config.mailbox_depth, shared.config.limits.bytes_per_payload),
+        frames_need_secret: AtomicBool::new(settings.frame_secret),
+        pixels: AtomicU64::new(pixels(settings)),
+        idle_close_s: AtomicU32::new(settings.idle_close_s),
         task: Mutex::new(task),
-        frame_secret: secret.for_frames(),
         secret,
+        frame_secret,
         tenant: shared.tenants.of(&key.client, born),
         public: Mutex::new(Bucket::new(PUBLIC_PER_S)),
         target_bytes: Mutex::new(None),
-        pixels: AtomicU64::new(pixels(settings)),
-        frames_need_secret: AtomicBool::new(settings.frame_secret),
         shared: Arc::clone(shared),
         halt: Mutex::new(None),
         lease_watch: Mutex::new(LeaseWatch::default()),
         lease: Mutex::default(),
-        idle_close_s: AtomicU32::new(settings.idle_close_s),
         closing: AtomicBool::new(false),
+        revision: AtomicU64::new(0),
+        superseded: AtomicBool::new(false),
+        leaving: AtomicBool::new(false),
         close_given: AtomicBool::new(false),
         scheduled: AtomicBool::new(false),
         key,
         epoch,
     })
-}
-
-/// Generation 1 and 16 bits of the worker's name (FNV-1a, folded): two workers hardly ever share an epoch.
-fn epoch(worker: &Name) -> u32 {
-    let hash =
-        worker.as_str().bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
-    1 << 16 | (hash >> 16 ^ hash) & 0xffff
 }

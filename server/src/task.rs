@@ -5,7 +5,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::time::Duration;
 
 use domvs_proto::frame::FrameHeader;
-use domvs_proto::messages::{Control, ErrorCode, ErrorReply, Progress};
+use domvs_proto::messages::{Control, ErrorCode, ErrorReply, FramesDropped, Progress};
 use domvs_proto::settings::{self, TaskSettings};
 use domvs_proto::status::Status;
 use domvs_vision::{Depth, DepthMap, HoleFill, Servo, Twist, View};
@@ -97,16 +97,23 @@ pub struct SentTarget {
     pub encoding: String,
     /// The bytes.
     pub payload: Vec<u8>,
-    /// The size of its image, pixels.
+    /// The size of its image, pixels; 0 before it has been decoded.
     pub size: [usize; 2],
+    hash: String,
 }
 
 impl SentTarget {
-    /// The same for the same header, Encoding and payload, in hexadecimal.
-    pub fn hash(&self) -> String {
+    /// A target that has not been decoded yet. Only what describes the picture is kept of the header.
+    pub fn new(header: FrameHeader, encoding: String, payload: Vec<u8>) -> SentTarget {
+        let header = FrameHeader { secret: None, deadline_us: 0, ..header };
         let mut hasher = DefaultHasher::new();
-        (self.header.encode(), &self.encoding, &self.payload).hash(&mut hasher);
-        format!("{:016x}", hasher.finish())
+        (header.encode(), &encoding, &payload).hash(&mut hasher);
+        SentTarget { header, encoding, payload, size: [0, 0], hash: format!("{:016x}", hasher.finish()) }
+    }
+
+    /// The same for the same header, Encoding and payload, in hexadecimal.
+    pub fn hash(&self) -> &str {
+        &self.hash
     }
 }
 
@@ -152,13 +159,27 @@ impl Task {
         self.target.as_ref().map(|target| &target.sent)
     }
 
-    /// How far the task is, after it said `status`.
+    /// How far the task is, after it said `status`; frames are counted elsewhere.
     pub fn progress(&self, status: Status) -> Progress {
         Progress {
             status,
+            phase: self.life.phase(),
             twists: self.life.iterations(),
             held_frames: self.life.held_frames(),
             sequence: self.sequence,
+            initial_pixel_mse: self.life.initial_pixel_mse(),
+            initial_order_mse: self.target.as_ref().and_then(|target| target.servo.initial_mse()),
+            frames_in: 0,
+            frames_dropped: FramesDropped::default(),
+        }
+    }
+
+    /// Goes on where another owner ended: latched stays latched, what ran may run, with the initial error it had.
+    pub(crate) fn go_on(&mut self, progress: &Progress) {
+        self.life.go_on(progress.phase, progress.twists, progress.initial_pixel_mse);
+        self.sequence = progress.sequence;
+        if let Some(target) = self.target.as_mut() {
+            target.servo.set_initial_mse(progress.initial_order_mse);
         }
     }
 
@@ -220,12 +241,12 @@ impl Task {
 
     /// Takes a desired image. The task keeps its phase; counters and I° start anew. On an error nothing changes.
     pub fn set_target(&mut self, frame: &Frame<'_>) -> Result<Status, ErrorReply> {
-        let sent = SentTarget {
-            header: FrameHeader { secret: None, deadline_us: 0, ..frame.header.clone() },
-            encoding: frame.encoding.to_owned(),
-            payload: frame.payload.to_bytes().into_owned(),
-            size: [0, 0],
-        };
+        let payload = frame.payload.to_bytes().into_owned();
+        self.take_target(SentTarget::new(frame.header.clone(), frame.encoding.to_owned(), payload))
+    }
+
+    /// Takes a desired image as another worker has kept it.
+    pub(crate) fn take_target(&mut self, sent: SentTarget) -> Result<Status, ErrorReply> {
         self.target = Some(self.make_target(sent, &self.settings.clone())?);
         self.estimates = Estimates::default();
         self.life.target_set();

@@ -1,8 +1,9 @@
-//! One worker: its session, its own keys, its start and its end. The registrar creates and closes tasks, the
+//! One worker in one session: its own keys, its start and its end. The registrar creates and closes tasks, the
 //! clock watches them, the pool computes.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
@@ -10,12 +11,12 @@ use std::time::{Duration, Instant, SystemTime};
 use domvs_proto::keys::{Keys, Name};
 use domvs_proto::messages::{ErrorCode, ErrorReply, WorkerInfo};
 use domvs_proto::status::Status;
+use tokio::sync::Notify;
 use zenoh::Session;
 use zenoh::key_expr::KeyExpr;
-use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::query::{Query, Queryable};
-use zenoh::sample::Sample;
+use zenoh::sample::{Sample, SampleKind};
 
 use crate::clerk::{Asker, Clerks, Note};
 use crate::config::ServerConfig;
@@ -23,6 +24,8 @@ use crate::desk::{Desk, lock};
 use crate::pool::Pool;
 use crate::record::{RecordError, Recorder};
 use crate::registrar::{Job, Registrar};
+use crate::replica::{self, Carried, Inbox, Listening, Standby};
+use crate::state_dir::StateDir;
 use crate::tenants::{Doing, Tenants};
 use crate::{Moment, clock};
 
@@ -50,6 +53,22 @@ pub enum ServiceError {
     /// No thread could be started.
     #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
+    /// A live worker has this name, or one whose epochs would be the same.
+    #[error("worker {worker} cannot be told from the live worker {rival}: choose another name")]
+    NameTaken {
+        /// The name that was chosen.
+        worker: Name,
+        /// Who has it.
+        rival: Name,
+    },
+    /// The state directory cannot be used.
+    #[error("cannot use the state directory {folder}: {source}")]
+    StateDir {
+        /// The folder.
+        folder: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
     /// The recording could not begin.
     #[error(transparent)]
     Record(#[from] RecordError),
@@ -61,12 +80,13 @@ impl From<zenoh::Error> for ServiceError {
     }
 }
 
-/// A running worker. Ends with [`Service::shutdown`]; dropped, it ends in the same order, but nobody waits for it.
-pub struct Service {
+/// A worker in one session. Ends with [`Worker::shutdown`]; dropped, it ends in the same order, but nobody waits for it.
+pub(crate) struct Worker {
     shared: Arc<Shared>,
     _queryables: Vec<Queryable<()>>,
     _subscribers: Vec<Subscriber<()>>,
-    _alive: LivelinessToken,
+    _listening: Listening,
+    standby: JoinHandle<()>,
     clock: (mpsc::SyncSender<()>, JoinHandle<()>),
     registrar: JoinHandle<()>,
 }
@@ -84,19 +104,34 @@ pub(crate) struct Shared {
     pub(crate) tenants: Tenants,
     clerks: Clerks,
     dropped_notes: AtomicU64,
+    /// How many tokens of clients there are, counted only.
+    clients: AtomicI64,
     jobs: flume::Sender<Job>,
+    /// What is heard of other workers and their tasks.
+    pub(crate) inbox: Inbox,
+    /// Where the tasks are kept over a restart.
+    pub(crate) states: Option<Arc<StateDir>>,
+    fenced: Notify,
+    /// The tasks that were owned to the end.
+    carried: Mutex<Vec<Carried>>,
     origin: Instant,
     wall_origin_ns: u64,
     busy_ns: AtomicU64,
     load: AtomicU64,
 }
 
-impl Service {
-    /// Starts a worker in `session`, which it owns from now on; its configuration went through [`crate::session::prepared`]. When this returns, the worker can be asked.
-    pub async fn start(config: ServerConfig, session: Session) -> Result<Service, ServiceError> {
+impl Worker {
+    /// Starts a worker in `session`, which it owns from now on, with what it owned in the session before.
+    pub(crate) async fn start(
+        config: ServerConfig,
+        session: Session,
+        carried: Vec<Carried>,
+        states: Option<Arc<StateDir>>,
+    ) -> Result<Worker, ServiceError> {
         let (jobs, waiting) = flume::bounded(JOBS);
+        let (inbox, news) = Inbox::new(config.replica.bytes);
         let (clerks, trays) = Clerks::new();
-        let shared = Arc::new(Shared::new(config, session, jobs, clerks)?);
+        let shared = Arc::new(Shared::new(config, session, jobs, clerks, inbox, states)?);
         trays.work_off(&shared)?;
         let registrar = {
             let shared = Arc::clone(&shared);
@@ -110,31 +145,37 @@ impl Service {
                 shared.end();
             })?
         };
+        let standby = {
+            let standby = Standby::new(Arc::clone(&shared), carried);
+            spawn("domvs-standby", move || standby.run(&news))?
+        };
         let (queryables, subscribers) = declare(&shared).await?;
-        let alive = shared.session.liveliness().declare_token(shared.keys.worker_alive(&shared.worker)).await?;
+        let listening = replica::declare(&shared).await?;
         tracing::info!(worker = %shared.worker, threads = shared.config.compute_threads(), "ready");
-        Ok(Service {
+        Ok(Worker {
             shared,
             _queryables: queryables,
             _subscribers: subscribers,
-            _alive: alive,
+            _listening: listening,
+            standby,
             clock: (closing, clock),
             registrar,
         })
     }
 
-    /// The name of this worker.
-    pub fn worker(&self) -> &Name {
-        &self.shared.worker
+    /// Returns when a newer owner has a task of this worker, so that it must leave its session.
+    pub(crate) async fn fenced(&self) {
+        self.shared.fenced.notified().await;
     }
 
-    /// Zeros for every task, then the end of the session, the threads and the recording.
-    pub async fn shutdown(self) {
+    /// Zeros for every task, then the end of the session, the threads and the recording. Returns the tasks that it owned to the end.
+    pub(crate) async fn shutdown(self) -> Vec<Carried> {
         let (closing, clock) = self.clock;
         drop(closing);
         let ends = async {
             join(clock).await;
             join(self.registrar).await;
+            join(self.standby).await;
         };
         if tokio::time::timeout(THREADS_END, ends).await.is_err() {
             tracing::warn!("a thread of the worker hangs in a reply; it ends with the session");
@@ -149,6 +190,7 @@ impl Service {
             }
         }
         tracing::info!(worker = %self.shared.worker, "stopped");
+        std::mem::take(&mut *lock(&self.shared.carried))
     }
 }
 
@@ -158,6 +200,8 @@ impl Shared {
         session: Session,
         jobs: flume::Sender<Job>,
         clerks: Clerks,
+        inbox: Inbox,
+        states: Option<Arc<StateDir>>,
     ) -> Result<Shared, ServiceError> {
         let worker = config.worker_name();
         let wall = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
@@ -179,7 +223,12 @@ impl Shared {
             desks: Mutex::default(),
             clerks,
             dropped_notes: AtomicU64::new(0),
+            clients: AtomicI64::new(0),
             jobs,
+            inbox,
+            states,
+            fenced: Notify::new(),
+            carried: Mutex::default(),
             origin: Instant::now(),
             wall_origin_ns: u64::try_from(wall.as_nanos()).unwrap_or(u64::MAX),
             busy_ns: AtomicU64::new(0),
@@ -203,8 +252,19 @@ impl Shared {
 
     /// Whether a key under `task` belongs to nobody here. With a wildcard somebody is gathering; silence is right then.
     fn is_unclaimed(&self, key: &KeyExpr<'_>) -> bool {
-        let ours = |(task, _)| lock(&self.desks).contains_key(task);
-        !key.is_wild() && !self.keys.split_task(key.as_str()).is_some_and(ours)
+        // A standby is silent about the others' tasks: their owner, or the next one, answers.
+        let owned = |(task, _)| lock(&self.desks).contains_key(task) || self.inbox.knows(task);
+        !key.is_wild() && !self.keys.split_task(key.as_str()).is_some_and(owned)
+    }
+
+    /// A newer owner has a task of this worker: it leaves its session.
+    pub(crate) fn fence(&self) {
+        self.fenced.notify_one();
+    }
+
+    /// Whether any client's token is there.
+    pub(crate) fn hears_clients(&self) -> bool {
+        self.clients.load(Ordering::Acquire) > 0
     }
 
     /// Hands a job to the registrar without waiting. A job that finds no room is dropped: its client sees an
@@ -249,16 +309,32 @@ impl Shared {
     /// threads, then the last words, then the keys.
     fn end(&self) {
         for desk in self.desks() {
-            desk.closing.store(true, Ordering::Release);
+            desk.leaving.store(true, Ordering::Release);
             desk.request_halt(Status::OwnerLost);
             lock(&desk.outlet).halt(Some(Status::OwnerLost), self.now());
         }
         self.pool.close();
+        self.inbox.end();
+        self.hand_over();
         self.desks().iter().for_each(|desk| desk.say_last_words(self.now()));
         std::thread::sleep(HEAD_START);
         // The registrar empties its queue before it sees this.
         if self.jobs.send_timeout(Job::Shutdown, Duration::from_millis(200)).is_err() {
             tracing::warn!("the registrar is busy; it ends with the session");
+        }
+    }
+
+    /// The newest state of each task for those who take them over, and for this worker's next session.
+    fn hand_over(&self) {
+        for desk in self.desks() {
+            if desk.superseded.load(Ordering::Acquire) || desk.closing.load(Ordering::Acquire) {
+                self.states.iter().for_each(|states| states.remove(&desk.key));
+                continue;
+            }
+            let task = lock(&desk.task);
+            let state = desk.state(&task);
+            desk.publish_state(&task);
+            lock(&self.carried).push(Carried { state, target: task.target().cloned() });
         }
     }
 
@@ -268,6 +344,8 @@ impl Shared {
         WorkerInfo {
             tasks,
             capacity: self.config.limits.tasks as u32,
+            standby: self.inbox.records() as u32,
+            state_error: self.states.as_ref().and_then(|states| states.error()),
             load: f64::from_bits(self.load.load(Ordering::Relaxed)),
             threads: self.config.compute_threads() as u32,
             max_pixels: self.config.limits.pixels_per_frame as u64,
@@ -304,7 +382,17 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
             }
         }
     };
-    let subscribers = vec![session.declare_subscriber(keys.stop()).callback(stop).await?];
+    let clients = {
+        let shared = Arc::clone(shared);
+        move |sample: Sample| {
+            let more = if sample.kind() == SampleKind::Put { 1 } else { -1 };
+            shared.clients.fetch_add(more, Ordering::AcqRel);
+        }
+    };
+    let subscribers = vec![
+        session.liveliness().declare_subscriber(keys.clients_alive()).history(true).callback(clients).await?,
+        session.declare_subscriber(keys.stop()).callback(stop).await?,
+    ];
     let queryables = vec![
         session.declare_queryable(keys.creates(worker)).complete(true).callback(create).await?,
         // Not complete: a task's own keys are, and they win at the router. What nobody owns lands here.

@@ -36,7 +36,9 @@ JSON_FIELDS = {
     "error_reply": {"code", "error"},
     "settings": {"method", "camera", "order", "gain", "watchdog_ms"},
     "status": {"task", "status", "meaning", "epoch", "frames_in", "frames_dropped", "twists", "sequence"},
-    "task_state": {"task", "worker", "epoch", "settings", "progress"},
+    "task_closed": {"task", "worker", "epoch", "closed"},
+    "task_progress": {"task", "worker", "epoch", "progress"},
+    "task_state": {"task", "worker", "epoch", "secret_hash", "settings", "progress"},
     "worker_info": {"worker", "version", "wire_version", "methods", "tasks", "capacity", "load"},
 }
 

@@ -239,6 +239,17 @@ impl<T: Sample> Servo<T> {
         Ok(())
     }
 
+    /// What the order rule measures against: the initial image's error as the rule sees it. None before the first step.
+    pub fn initial_mse(&self) -> Option<f64> {
+        self.initial_mse
+    }
+
+    /// Goes on from an initial image that another servo with the same law and desired view has seen, by what
+    /// [`Servo::initial_mse`] said there.
+    pub fn set_initial_mse(&mut self, initial_mse: Option<f64>) {
+        self.initial_mse = initial_mse;
+    }
+
     /// Forgets what earlier images told: `I°`, whose place the next step's image takes, the light, the depth scale, and what is kept of the desired
     /// view. What follows is, bit for bit, what a new servo would do.
     pub fn restart(&mut self) {

@@ -28,6 +28,10 @@ pub struct ServeArgs {
     #[arg(long, value_name = "FOLDER")]
     record: Option<PathBuf>,
 
+    /// A folder in which this worker, if it is alone, keeps its tasks over a restart; those that ran come back paused
+    #[arg(long, value_name = "FOLDER")]
+    state: Option<PathBuf>,
+
     /// Name of this worker [default: made up at every start]
     #[arg(long, value_name = "NAME")]
     worker: Option<String>,
@@ -118,6 +122,9 @@ fn server_config(args: &ServeArgs) -> anyhow::Result<ServerConfig> {
     };
     if let Some(record) = &args.record {
         config.record.clone_from(record);
+    }
+    if let Some(state) = &args.state {
+        config.state.clone_from(state);
     }
     if let Some(worker) = &args.worker {
         config.worker.clone_from(worker);

@@ -3,20 +3,27 @@
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use domvs_proto::status::Status;
 use domvs_proto::twist::TwistMessage;
+use tokio::time::{Instant, sleep};
 
 use super::Task;
-use crate::ClientError;
 use crate::answer::{few_answers, first_good};
 use crate::client::Shared;
 use crate::frame::OutgoingFrame;
 use crate::workers::owner_of;
+use crate::{ClientError, Silence};
 
 /// Missing answers in a row after which the owner is looked for.
 const MISSES: u32 = 3;
+/// The pause before a question that found nobody is asked again.
+const PAUSE: Duration = Duration::from_millis(5);
 
 impl Task {
     /// The twist for this frame, or why there is none; in that case do not move. The next frame asks anew.
+    ///
+    /// While nobody answers, the same frame is asked again until the twist timeout, which is its deadline too: when a worker dies and
+    /// another goes on with the task, that is all the caller notices.
     ///
     /// # Errors
     /// [`ClientError::NoAnswer`] for silence; [`ClientError::OwnerLost`] when after three silences in a row nobody owns the task;
@@ -31,8 +38,25 @@ impl Task {
         }
     }
 
+    /// Asks anew while nobody is there, until the limit: the worker may just have died, and another takes the task over.
     async fn ask_twist(&self, frame: &OutgoingFrame) -> Result<TwistMessage, ClientError> {
-        let (key, limit) = (self.asker.key_expr().as_str(), self.shared.options.twist_timeout);
+        let deadline = Instant::now() + self.shared.options.twist_timeout;
+        loop {
+            let answer = self.ask_once(frame, deadline.saturating_duration_since(Instant::now())).await;
+            let between_owners = match &answer {
+                Err(ClientError::NoAnswer { reason: Silence::Empty, .. } | ClientError::OlderEpoch { .. }) => true,
+                Ok(twist) => matches!(twist.status, Status::OwnerLost | Status::Superseded),
+                Err(_) => false,
+            };
+            if !between_owners || Instant::now() + PAUSE >= deadline {
+                return answer;
+            }
+            sleep(PAUSE).await;
+        }
+    }
+
+    async fn ask_once(&self, frame: &OutgoingFrame, limit: Duration) -> Result<TwistMessage, ClientError> {
+        let key = self.asker.key_expr().as_str();
         let (callback, answers) = few_answers();
         self.asker
             .get()

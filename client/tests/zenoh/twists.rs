@@ -9,6 +9,8 @@ use zenoh::query::Query;
 use crate::fake::{EPOCH, Fake, Held, LIMIT, SECRET, frame, header_of, moving, name, reply, reply_twist, task_key};
 
 const SHORT: Duration = Duration::from_millis(200);
+/// Where nobody answers, or only an older owner, a frame is asked for again until this has passed.
+const AGAIN: Duration = Duration::from_secs(1);
 
 /// What a healthy owner does.
 fn obey(query: Query) {
@@ -44,7 +46,7 @@ async fn a_frame_carries_pixels_secret_time_and_deadline() {
 #[tokio::test(flavor = "multi_thread")]
 async fn silence_without_an_owner_becomes_owner_lost_at_the_third_time() {
     let fake = Fake::start().await;
-    let task = fake.task(LIMIT, drop).await;
+    let task = fake.task(AGAIN, drop).await;
     for sequence in 1..=2 {
         let error = task.twist(&frame(sequence)).await.expect_err("empty");
         assert!(matches!(error, ClientError::NoAnswer { reason: Silence::Empty, .. }), "{error}");
@@ -59,12 +61,35 @@ async fn silence_under_a_new_owner_raises_the_epoch() {
     let newer = EPOCH + (1 << 16);
     let token = fake.session.liveliness().declare_token(fake.keys.owner(&task_key("w"), &name("standby"), newer));
     let _token = token.await.expect("declared");
-    let task = fake.task(LIMIT, drop).await;
+    let task = fake.task(AGAIN, drop).await;
     for sequence in 1..=3 {
         let error = task.twist(&frame(sequence)).await.expect_err("empty");
         assert!(matches!(error, ClientError::NoAnswer { .. }), "{error}");
     }
     assert_eq!(task.epoch(), newer);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_frame_that_finds_no_owner_is_answered_by_the_next_one() {
+    let fake = Fake::start().await;
+    static QUESTIONS: AtomicU32 = AtomicU32::new(0);
+    // Nobody, then the old owner's late answer and its last word, then the new owner.
+    let handed_over = |query: Query| {
+        let sequence = header_of(&query).sequence;
+        match QUESTIONS.fetch_add(1, Ordering::Relaxed) {
+            0 => drop(query),
+            1 => reply_twist(&query, moving(sequence, EPOCH - 1)),
+            2 => {
+                let zeros = TwistMessage { sequence, epoch: EPOCH, ..TwistMessage::zero(Status::OwnerLost) };
+                reply_twist(&query, zeros);
+            }
+            _ => reply_twist(&query, moving(sequence, EPOCH + (1 << 16))),
+        }
+    };
+    let task = fake.task(LIMIT, handed_over).await;
+    let twist = task.twist(&frame(7)).await.expect("the new owner's");
+    assert_eq!((twist.sequence, twist.epoch, task.epoch()), (7, EPOCH + (1 << 16), EPOCH + (1 << 16)));
+    assert_eq!(QUESTIONS.load(Ordering::Relaxed), 4);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -75,7 +100,7 @@ async fn an_answer_in_between_forgives_the_silences_before_it() {
             obey(query);
         }
     };
-    let task = fake.task(LIMIT, every_third).await;
+    let task = fake.task(AGAIN, every_third).await;
     for sequence in 1..=6 {
         let answer = task.twist(&frame(sequence)).await;
         assert!(!matches!(answer, Err(ClientError::OwnerLost { .. })));
@@ -114,7 +139,7 @@ async fn a_late_answer_is_not_taken_for_the_next_frame() {
 async fn a_twist_of_an_older_epoch_is_dropped() {
     let fake = Fake::start().await;
     let from_the_past = |query: Query| reply_twist(&query, moving(header_of(&query).sequence, EPOCH - 1));
-    let task = fake.task(LIMIT, from_the_past).await;
+    let task = fake.task(AGAIN, from_the_past).await;
     let error = task.twist(&frame(1)).await.expect_err("older");
     let ClientError::OlderEpoch { expected, got, .. } = error else { panic!("{error}") };
     assert_eq!((expected, got), (EPOCH, EPOCH - 1));
@@ -128,7 +153,7 @@ async fn a_newer_epoch_is_taken_over_and_ends_the_older() {
         let epoch = EPOCH + 1 - ANSWERS.fetch_add(1, Ordering::Relaxed);
         reply_twist(&query, moving(header_of(&query).sequence, epoch));
     };
-    let task = fake.task(LIMIT, newer_then_older).await;
+    let task = fake.task(AGAIN, newer_then_older).await;
     task.twist(&frame(1)).await.expect("the new owner");
     assert_eq!(task.epoch(), EPOCH + 1);
     let error = task.twist(&frame(2)).await.expect_err("the old one");

@@ -12,8 +12,10 @@ pub struct Secret([u8; Secret::BYTES]);
 
 /// A text or attachment that is not a secret. What it was is not said: it may be most of one.
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
-#[error("a secret has 16 bytes (32 hexadecimal digits), got {got} of them")]
+#[error("a secret or its hash has {expected} bytes ({} hexadecimal digits), got {got} of them", 2 * expected)]
 pub struct SecretError {
+    /// How many bytes it should have.
+    pub expected: usize,
     /// The length of what came: bytes, or characters of text.
     pub got: usize,
 }
@@ -41,7 +43,44 @@ impl Secret {
 
     /// The 32 hexadecimal digits. For JSON; never log them.
     pub fn to_hex(&self) -> String {
-        self.0.iter().map(|byte| format!("{byte:02x}")).collect()
+        to_hex(&self.0)
+    }
+}
+
+impl Secret {
+    /// What may be told of it: 16 random bytes cannot be found from their hash.
+    pub fn hash(&self) -> SecretHash {
+        SecretHash(Sha3_256::digest(self.0).into())
+    }
+}
+
+/// SHA3-256 of a secret's 16 bytes; 64 hexadecimal digits in JSON. It tells whether a secret that is presented is the right one,
+/// and nothing else, so a standby may know it and `state` may carry it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct SecretHash([u8; SecretHash::BYTES]);
+
+impl SecretHash {
+    /// How many bytes.
+    pub const BYTES: usize = 32;
+
+    /// Whether this is the hash of `secret`.
+    pub fn is_of(&self, secret: &Secret) -> bool {
+        *self == secret.hash()
+    }
+}
+
+impl TryFrom<String> for SecretHash {
+    type Error = SecretError;
+
+    fn try_from(text: String) -> Result<SecretHash, SecretError> {
+        hex_bytes(&text).map(SecretHash)
+    }
+}
+
+impl From<SecretHash> for String {
+    fn from(hash: SecretHash) -> String {
+        to_hex(&hash.0)
     }
 }
 
@@ -65,7 +104,7 @@ impl TryFrom<&[u8]> for Secret {
     type Error = SecretError;
 
     fn try_from(bytes: &[u8]) -> Result<Secret, SecretError> {
-        let bytes = bytes.try_into().map_err(|_| SecretError { got: bytes.len() })?;
+        let bytes = bytes.try_into().map_err(|_| SecretError { got: bytes.len(), expected: Secret::BYTES })?;
         Ok(Secret(bytes))
     }
 }
@@ -74,16 +113,7 @@ impl TryFrom<String> for Secret {
     type Error = SecretError;
 
     fn try_from(text: String) -> Result<Secret, SecretError> {
-        let refused = || SecretError { got: text.chars().count() };
-        let digits: Vec<u8> = text
-            .chars()
-            .map(|digit| digit.to_digit(16).and_then(|d| u8::try_from(d).ok()))
-            .collect::<Option<_>>()
-            .ok_or_else(refused)?;
-        if digits.len() != 2 * Secret::BYTES {
-            return Err(refused());
-        }
-        Ok(Secret(std::array::from_fn(|i| digits[2 * i] << 4 | digits[2 * i + 1])))
+        hex_bytes(&text).map(Secret)
     }
 }
 
@@ -91,4 +121,22 @@ impl From<Secret> for String {
     fn from(secret: Secret) -> String {
         secret.to_hex()
     }
+}
+
+fn to_hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// `N` bytes from their hexadecimal digits. Fails when there are more or fewer, or other characters.
+fn hex_bytes<const N: usize>(text: &str) -> Result<[u8; N], SecretError> {
+    let refused = || SecretError { got: text.chars().count(), expected: N };
+    let digits: Vec<u8> = text
+        .chars()
+        .map(|digit| digit.to_digit(16).and_then(|d| u8::try_from(d).ok()))
+        .collect::<Option<_>>()
+        .ok_or_else(refused)?;
+    if digits.len() != 2 * N {
+        return Err(refused());
+    }
+    Ok(std::array::from_fn(|i| digits[2 * i] << 4 | digits[2 * i + 1]))
 }

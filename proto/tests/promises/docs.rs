@@ -78,6 +78,8 @@ fn json_examples_are_the_golden_ones() {
         "control",
         "control_reply",
         "status",
+        "task_progress",
+        "task_closed",
         "worker_info",
         "camera_info",
         "error_reply",

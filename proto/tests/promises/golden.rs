@@ -11,8 +11,8 @@ use domvs_proto::body;
 use domvs_proto::frame::{DepthFormat, FrameHeader, PixelFormat, Secret};
 use domvs_proto::keys::{Name, TaskKey};
 use domvs_proto::messages::{
-    CameraInfo, Control, ControlReply, CreateReply, ErrorCode, ErrorReply, FramesDropped, Progress, Quotas,
-    StatusMessage, TargetReference, TaskState, WorkerInfo,
+    CameraInfo, Control, ControlReply, CreateReply, ErrorCode, ErrorReply, FramesDropped, Phase, Progress, Quotas,
+    StateMessage, StatusMessage, TargetReference, TaskClosed, TaskProgress, TaskState, WorkerInfo,
 };
 use domvs_proto::settings::{
     AdaptiveGain, Camera, Depth, DepthScale, Frames, Gain, Holes, Krawtchouk, KrawtchoukP, Lattice, Lease, Light,
@@ -207,7 +207,7 @@ fn create_needs_nothing_but_a_camera() {
 
 #[test]
 fn create_reply_is_as_printed() {
-    let frame_secret = Some(Secret::new(std::array::from_fn(|byte| 32 + byte as u8)));
+    let frame_secret = Some(secret().for_frames());
     let created = CreateReply { task: task(), epoch: 65_578, secret: secret(), frame_secret };
     same_as_file("create_reply.json", &created);
 }
@@ -244,6 +244,7 @@ fn worker_info_is_as_printed() {
         version: "0.1.0".to_owned(),
         tasks: 2,
         capacity: 64,
+        standby: 3,
         load: 0.25,
         threads: 2,
         max_pixels: 16_777_216,
@@ -278,16 +279,56 @@ fn camera_info_is_as_printed() {
 fn task_state_is_as_printed() {
     let target =
         TargetReference { hash: "9f86d081884c7d65".to_owned(), width: 640, height: 480, payload_bytes: 921_600 };
-    let progress = Progress { status: Status::Servoing, twists: 114, held_frames: 0, sequence: 4713 };
     let state = TaskState {
         task: task(),
         worker: name("w1"),
         epoch: 65_578,
+        revision: 7,
+        secret_hash: secret().hash(),
+        frame_secret_hash: secret().for_frames().hash(),
         settings: settings(),
         target: Some(target),
-        progress,
+        progress: progress(Status::Servoing, Phase::Running),
     };
     same_as_file("task_state.json", &state);
+    let read = StateMessage::read(golden("task_state.json").as_bytes()).unwrap();
+    assert_eq!(read, StateMessage::Full(Box::new(state)));
+}
+
+#[test]
+fn task_progress_and_the_end_are_as_printed() {
+    let progress = progress(Status::Converged, Phase::Latched(Status::Converged));
+    let progress = TaskProgress { task: task(), worker: name("w1"), epoch: 65_578, revision: 7, progress };
+    same_as_file("task_progress.json", &progress);
+    let read = StateMessage::read(golden("task_progress.json").as_bytes()).unwrap();
+    assert_eq!(read, StateMessage::Progress(progress));
+    let closed = TaskClosed { task: task(), worker: name("w1"), epoch: 65_578, closed: true };
+    same_as_file("task_closed.json", &closed);
+    let read = StateMessage::read(golden("task_closed.json").as_bytes()).unwrap();
+    assert_eq!(read, StateMessage::Closed(closed));
+}
+
+#[test]
+fn the_hash_of_a_secret_knows_its_secret_and_no_other() {
+    let hash = secret().hash();
+    assert!(hash.is_of(&secret()) && !hash.is_of(&Secret::new([0; 16])));
+    // SHA3-256 of 16 zeros, as hashlib says it.
+    let zeros: String = Secret::new([0; 16]).hash().into();
+    assert_eq!(zeros, "61664696888a110278ff672620c85217e69aa662a83304052f1014d395f545bf");
+}
+
+fn progress(status: Status, phase: Phase) -> Progress {
+    Progress {
+        status,
+        phase,
+        twists: 114,
+        held_frames: 0,
+        sequence: 4713,
+        initial_pixel_mse: Some(0.0625),
+        initial_order_mse: Some(0.03125),
+        frames_in: 120,
+        frames_dropped: FramesDropped { superseded: 3, bad: 1, stale: 2, overloaded: 0, deadline: 0 },
+    }
 }
 
 #[test]

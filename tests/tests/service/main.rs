@@ -15,6 +15,7 @@ mod methods;
 mod pictures;
 mod pushed;
 mod recording;
+mod replicas;
 mod requests;
 mod settings;
 mod support;

@@ -33,6 +33,8 @@ pub const ZEROS: [f64; 6] = [0.0; 6];
 /// A router and a worker.
 pub struct Stage {
     pub service: Service,
+    /// The worker's own: closing it takes the worker away as a kill does, without a last word.
+    pub session: Session,
     pub keys: Keys,
     router: Session,
     endpoint: String,
@@ -50,8 +52,8 @@ impl Stage {
         let joined = domvs_server::session::prepared(client_config(&endpoint)).expect("a fine configuration");
         let session = zenoh::open(joined).await.expect("the router is there");
         let config = ServerConfig { worker: WORKER.into(), ..config }.checked().expect("a fine configuration");
-        let service = Service::start(config, session).await.expect("the worker starts");
-        Stage { service, keys: Keys::default(), router, endpoint }
+        let service = Service::start(config, session.clone()).await.expect("the worker starts");
+        Stage { service, session, keys: Keys::default(), router, endpoint }
     }
 
     /// How to reach the router.

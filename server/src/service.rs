@@ -1,0 +1,170 @@
+//! A service: one worker after another, each in a Zenoh session of its own.
+//!
+//! A worker that is fenced (a newer owner has one of its tasks) leaves with its whole session, since a key with two owners
+//! does not find back to one of them before that. Then the service opens the next session, under the same name; what the worker still
+//! owned is gone on with by whoever is first, the others or the next session.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use domvs_proto::keys::{Keys, Name};
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, sleep};
+use zenoh::{Config, Session};
+
+use crate::config::ServerConfig;
+use crate::replica::{Carried, epoch};
+use crate::state_dir::StateDir;
+use crate::worker::{ServiceError, Worker};
+
+/// Between two tries to open the next session.
+const PAUSE: Duration = Duration::from_millis(200);
+/// How long the last writing of states may take.
+const SAVING: Duration = Duration::from_secs(1);
+/// How long the token of a worker of the same name may take to go: one that was killed has just been lost.
+const NAME_LIMIT: Duration = Duration::from_secs(3);
+/// How long the tokens of the others may take to come.
+const TOKENS: Duration = Duration::from_millis(500);
+
+/// A running service. Ends with [`Service::shutdown`]; dropped, it ends in the same order, but nobody waits for it.
+pub struct Service {
+    worker: Name,
+    end: oneshot::Sender<()>,
+    supervisor: JoinHandle<()>,
+}
+
+impl Service {
+    /// Starts a worker in `session`, which the service owns from now on. When this returns, the worker can be asked. Needs a
+    /// multi-threaded Tokio runtime.
+    ///
+    /// # Errors
+    /// A name that a live worker has, a prefix that is none, a thread, recording or declaration that could not be made.
+    pub async fn start(config: ServerConfig, session: Session) -> Result<Service, ServiceError> {
+        let worker = free_name(&config, &session).await?;
+        let config = ServerConfig { worker: worker.to_string(), ..config };
+        let zenoh = next_session(&session)?;
+        let (states, carried) = open_states(&config)?;
+        let first = Worker::start(config.clone(), session, carried, states.clone()).await?;
+        let (end, ended) = oneshot::channel();
+        let supervisor = tokio::spawn(supervise(Next { config, zenoh, states }, first, ended));
+        Ok(Service { worker, end, supervisor })
+    }
+
+    /// The name of this worker.
+    pub fn worker(&self) -> &Name {
+        &self.worker
+    }
+
+    /// Zeros for every task, then the end of the session, the threads and the recording. Other workers go on with the tasks.
+    pub async fn shutdown(self) {
+        drop(self.end);
+        if self.supervisor.await.is_err() {
+            tracing::error!("the service ended by a panic");
+        }
+    }
+}
+
+/// Follows each fenced worker with the next, until the service ends.
+async fn supervise(next: Next, first: Worker, mut ended: oneshot::Receiver<()>) {
+    let mut worker = first;
+    loop {
+        tokio::select! {
+            _ = &mut ended => break,
+            () = worker.fenced() => {}
+        }
+        let carried = worker.shutdown().await;
+        tracing::warn!(
+            tasks = carried.len(),
+            "fenced: a new session follows, with the tasks that nobody else has taken"
+        );
+        worker = tokio::select! {
+            _ = &mut ended => return next.end().await,
+            worker = next.worker(carried) => worker,
+        };
+    }
+    worker.shutdown().await;
+    next.end().await;
+}
+
+/// What the next worker is made from.
+struct Next {
+    config: ServerConfig,
+    zenoh: Config,
+    states: Option<Arc<StateDir>>,
+}
+
+impl Next {
+    /// Tries until there is a session with a worker in it.
+    async fn worker(&self, carried: Vec<Carried>) -> Worker {
+        loop {
+            match zenoh::open(self.zenoh.clone()).await {
+                Ok(session) => {
+                    match Worker::start(self.config.clone(), session, carried.clone(), self.states.clone()).await {
+                        Ok(worker) => return worker,
+                        Err(error) => tracing::error!(%error, "the worker could not start again"),
+                    }
+                }
+                Err(error) => tracing::warn!(%error, "no session yet"),
+            }
+            sleep(PAUSE).await;
+        }
+    }
+
+    /// Writes what is still to be written.
+    async fn end(self) {
+        let Some(states) = self.states else { return };
+        if tokio::task::spawn_blocking(move || states.close(SAVING)).await.is_err() {
+            tracing::error!("the state directory ended by a panic");
+        }
+    }
+}
+
+/// The state directory, if there is one, and what a worker has left in it.
+fn open_states(config: &ServerConfig) -> Result<(Option<Arc<StateDir>>, Vec<Carried>), ServiceError> {
+    if config.state.as_os_str().is_empty() {
+        return Ok((None, vec![]));
+    }
+    let failed = |source| ServiceError::StateDir { folder: config.state.clone(), source };
+    let (states, carried) = StateDir::open(&config.state).map_err(failed)?;
+    Ok((Some(Arc::new(states)), carried))
+}
+
+/// How to open a session like this one, under a new identity.
+fn next_session(session: &Session) -> Result<Config, ServiceError> {
+    let unusable = |error: &dyn std::fmt::Display| ServiceError::Zenoh(format!("its configuration: {error}"));
+    let mut config: serde_json::Value =
+        serde_json::from_str(&session.config().to_string()).map_err(|error| unusable(&error))?;
+    if let Some(fields) = config.as_object_mut() {
+        fields.remove("id");
+    }
+    Config::from_json5(&config.to_string()).map_err(|error| unusable(&error))
+}
+
+/// The configured name, or one made up; none whose epochs could be mistaken for a live worker's.
+async fn free_name(config: &ServerConfig, session: &Session) -> Result<Name, ServiceError> {
+    let keys = Keys::new(&config.prefix)?;
+    let asked = Instant::now();
+    loop {
+        let name = config.worker_name();
+        let rival = live_workers(session, &keys).await?.into_iter().find(|other| is_rival(&name, other));
+        let Some(rival) = rival else { return Ok(name) };
+        if asked.elapsed() > NAME_LIMIT {
+            return Err(ServiceError::NameTaken { worker: name, rival });
+        }
+        sleep(PAUSE).await;
+    }
+}
+
+fn is_rival(name: &Name, other: &Name) -> bool {
+    epoch::name_hash(name) == epoch::name_hash(other)
+}
+
+async fn live_workers(session: &Session, keys: &Keys) -> Result<Vec<Name>, ServiceError> {
+    let tokens = session.liveliness().get(keys.workers_alive()).timeout(TOKENS).await?;
+    let mut workers = vec![];
+    while let Ok(token) = tokens.recv_async().await {
+        workers.extend(token.result().ok().and_then(|sample| keys.parse_worker_alive(sample.key_expr().as_str())));
+    }
+    Ok(workers)
+}
