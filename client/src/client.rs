@@ -6,7 +6,7 @@ use std::time::Duration;
 use domvs_proto::frame::Secret;
 use domvs_proto::keys::{Keys, Name, TaskKey};
 use domvs_proto::messages::{CreateReply, ErrorCode, WorkerInfo};
-use domvs_proto::settings::TaskSettings;
+use domvs_proto::settings::{Lease, TaskSettings};
 use tokio::time::{Instant, sleep, timeout_at};
 use zenoh::Session;
 use zenoh::liveliness::LivelinessToken;
@@ -37,8 +37,10 @@ pub(crate) struct Shared {
     pub(crate) session: Session,
     pub(crate) keys: Keys,
     pub(crate) options: ClientOptions,
-    // The lease: undeclared when this is dropped.
-    _alive: LivelinessToken,
+    /// Of this process among those of the client's name: tasks made here end with it.
+    pub(crate) process: Name,
+    // The leases: undeclared when this is dropped.
+    _alive: [LivelinessToken; 2],
 }
 
 impl Client {
@@ -57,13 +59,13 @@ impl Client {
     /// [`ClientError::Session`] when the session is closed; [`ClientError::Key`] when the prefix is none.
     pub async fn with_session(session: Session, options: ClientOptions) -> Result<Client, ClientError> {
         let keys = Keys::new(&options.prefix)?;
-        let key = keys.client_alive(&options.name);
-        let alive = session
-            .liveliness()
-            .declare_token(key.clone())
-            .await
-            .map_err(ClientError::session("declaring the lease", &key))?;
-        Ok(Client { shared: Arc::new(Shared { session, keys, options, _alive: alive }) })
+        // Sessions of all processes have names that differ.
+        let process = Name::try_from(session.zid().to_string())?;
+        let alive = [
+            declare_lease(&session, keys.client_alive(&options.name)).await?,
+            declare_lease(&session, keys.process_alive(&options.name, &process)).await?,
+        ];
+        Ok(Client { shared: Arc::new(Shared { session, keys, options, process, _alive: alive }) })
     }
 
     /// The name under which this client's tasks stand.
@@ -71,7 +73,7 @@ impl Client {
         &self.shared.options.name
     }
 
-    /// Whether a client of this name holds its token now. Two processes of one name would share a lease.
+    /// Whether a client of this name holds its token now.
     ///
     /// # Errors
     /// [`ClientError::Session`] when the session is closed.
@@ -135,7 +137,8 @@ impl Client {
         Err(last.expect("the list of workers is never empty, and the loop ends early unless a worker failed"))
     }
 
-    /// Makes a task on this worker.
+    /// Makes a task on this worker. With [`Lease::Client`] it hangs on this process's token, and ends with it
+    /// whatever other processes of this name do.
     ///
     /// # Errors
     /// [`ClientError::Settings`] before anything is sent, [`ClientError::Refused`], [`ClientError::NoAnswer`].
@@ -143,7 +146,12 @@ impl Client {
         settings.validate()?;
         let Shared { session, keys, options, .. } = &*self.shared;
         let key = keys.create(worker, &options.name);
-        let request = Request::json(session, key, settings, options.request_timeout);
+        let lease = match &settings.lease {
+            Lease::Client => Lease::Process(self.shared.process.clone()),
+            chosen => chosen.clone(),
+        };
+        let settings = TaskSettings { lease, ..settings.clone() };
+        let request = Request::json(session, key, &settings, options.request_timeout);
         let CreateReply { task, epoch, secret, .. } = request.ask_json().await?;
         Task::open(NewTask { shared: self.shared.clone(), key: task, epoch, secret: Some(secret) }).await
     }
@@ -213,6 +221,11 @@ impl Client {
         let key = self.shared.keys.client_alive(self.name());
         self.shared.session.close().await.map_err(ClientError::session("closing", &key))
     }
+}
+
+async fn declare_lease(session: &Session, key: String) -> Result<LivelinessToken, ClientError> {
+    let declared = session.liveliness().declare_token(key.clone()).await;
+    declared.map_err(ClientError::session("declaring the lease", &key))
 }
 
 /// Another worker may be better when this one is full, gone or on its way out.

@@ -151,7 +151,9 @@ pub enum Silence {
 impl std::fmt::Display for Silence {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Silence::Empty => "nobody is there or access is refused",
+            Silence::Empty => {
+                "no such task, no worker, or the router refuses access: an empty answer does not say which"
+            }
             Silence::TimedOut => "timed out",
         })
     }

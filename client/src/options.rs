@@ -12,7 +12,7 @@ use crate::{ClientError, zenoh_config};
 pub struct ClientOptions {
     /// The first part of every key; `domvs` unless a deployment says otherwise.
     pub prefix: String,
-    /// The client's name. Two clients of one name share a lease: give each its own.
+    /// The client's name. Processes may share one; each keeps its own tasks alive.
     pub name: Name,
     /// How to reach the others; see [`zenoh_config`].
     pub zenoh: zenoh::Config,

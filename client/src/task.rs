@@ -7,13 +7,15 @@ mod asking;
 use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
+use std::time::Duration;
 
 use domvs_proto::frame::Secret;
 use domvs_proto::keys::TaskKey;
 use domvs_proto::messages::{Control, ControlReply, TaskState};
 use domvs_proto::settings::TaskSettings;
 use domvs_proto::status::Status;
-use serde_json::Value;
+use serde_json::{Value, json};
+use tokio::time::{Instant, sleep};
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, Querier, QueryTarget};
@@ -23,6 +25,11 @@ use crate::client::Shared;
 use crate::follow::{Commands, Epoch, Statuses};
 use crate::frame::{OutgoingFrame, ReceivedFrame};
 use crate::{ClientError, matching};
+
+/// How long the service may take to see the token that a task is hung on anew.
+const TAKEN_UP: Duration = Duration::from_secs(1);
+/// The pause before it is asked again.
+const TAKE_UP_PAUSE: Duration = Duration::from_millis(20);
 
 /// What a handle is made of.
 pub(crate) struct NewTask {
@@ -41,6 +48,8 @@ pub struct Task {
     shared: Arc<Shared>,
     key: TaskKey,
     secret: Option<Secret>,
+    /// Made of the secret.
+    frame_secret: Option<Secret>,
     epoch: Epoch,
     misses: AtomicU32,
     asker: Querier<'static>,
@@ -77,7 +86,9 @@ impl Task {
         if !matching::has_queryable(&asker, shared.options.request_timeout).await? {
             tracing::warn!(key = %twist, "nobody answers here yet");
         }
-        Ok(Task { shared, key, secret, epoch: Epoch::new(epoch), misses: AtomicU32::new(0), asker, pusher })
+        let frame_secret = secret.as_ref().map(Secret::for_frames);
+        let (epoch, misses) = (Epoch::new(epoch), AtomicU32::new(0));
+        Ok(Task { shared, key, secret, frame_secret, epoch, misses, asker, pusher })
     }
 
     /// Which task.
@@ -117,7 +128,8 @@ impl Task {
         ReceivedFrame::from_sample(&request.key, &request.ask().await?)
     }
 
-    /// Lets twists move the camera, from the beginning: counters and the initial image are reset.
+    /// Lets twists move the camera, from the beginning: counters and the initial image are reset. A task whose client has
+    /// gone is taken up, if it is this client's: it then hangs on this process.
     ///
     /// # Errors
     /// [`ClientError::Refused`], [`ClientError::NoAnswer`].
@@ -193,8 +205,8 @@ impl Task {
         self.pusher
             .put(frame.payload().clone())
             .encoding(frame.encoding().clone())
-            // Everybody may read this key, so the secret stays out.
-            .attachment(frame.attachment(None, 0))
+            // Everybody may read this key, so the secret stays out; this one lets nobody do more than push.
+            .attachment(frame.attachment(self.frame_secret.as_ref(), 0))
             .await
             .map_err(ClientError::session("pushing a frame", self.pusher.key_expr().as_str()))
     }
@@ -226,6 +238,28 @@ impl Task {
     }
 
     async fn control(&self, control: Control) -> Result<Status, ClientError> {
+        let status = self.ask_control(control).await?;
+        let ours = self.secret.is_some() && self.key.client == self.shared.options.name;
+        match control {
+            Control::Start | Control::Resume if status == Status::ClientLost && ours => self.take_up(control).await,
+            _ => Ok(status),
+        }
+    }
+
+    /// Hangs a task of this client, whose process has gone, on this process; its token is seen a moment later.
+    async fn take_up(&self, control: Control) -> Result<Status, ClientError> {
+        let deadline = Instant::now() + self.shared.options.request_timeout.min(TAKEN_UP);
+        self.change_settings(&json!({ "lease": { "process": self.shared.process } })).await?;
+        loop {
+            let status = self.ask_control(control).await?;
+            if status != Status::ClientLost || Instant::now() >= deadline {
+                return Ok(status);
+            }
+            sleep(TAKE_UP_PAUSE).await;
+        }
+    }
+
+    async fn ask_control(&self, control: Control) -> Result<Status, ClientError> {
         let request = self.json_request(self.shared.keys.control(&self.key), &control);
         let ControlReply { status } = request.ask_json().await?;
         Ok(status)

@@ -26,7 +26,8 @@ pub const HEADER_BYTES: usize = 48;
 /// Bytes of a header with its secret.
 pub const HEADER_AND_SECRET_BYTES: usize = HEADER_BYTES + Secret::BYTES;
 
-const FLAG_SECRET: u8 = 1;
+/// Bit 0 of a header's flags: 16 bytes of secret follow.
+pub const FLAG_SECRET: u8 = 1;
 
 /// How the pixels are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -201,6 +201,11 @@ impl Keys {
         format!("{}/client/*/alive", self.prefix)
     }
 
+    /// Liveliness token of one process of a client: its own lease.
+    pub fn process_alive(&self, client: &Name, process: &Name) -> String {
+        format!("{}/client/{client}/{process}/alive", self.prefix)
+    }
+
     /// Frames of a camera that speaks this format.
     pub fn camera_frame(&self, camera: &Name) -> String {
         format!("{}/camera/{camera}/frame", self.prefix)

@@ -26,6 +26,9 @@ pub struct CreateReply {
     pub epoch: u32,
     /// Who may use the task; said once, here.
     pub secret: Secret,
+    /// What lets a camera push frames and do nothing else: [`Secret::for_frames`]. `None` from workers that do not say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame_secret: Option<Secret>,
 }
 
 /// The body of `control`: `{"do": "start"}`.
@@ -103,10 +106,12 @@ pub struct FramesDropped {
     pub bad: u64,
     /// Too old, or not newer than the one before.
     pub stale: u64,
-    /// Too many requests waited.
+    /// Too many requests waited, or the client sends more than it may.
     pub overloaded: u64,
     /// The deadline passed before its turn.
     pub deadline: u64,
+    /// Pushed without the secret that the settings ask for.
+    pub not_owner: u64,
 }
 
 /// What is published on `status`: on every change, and twice a second.
@@ -203,6 +208,12 @@ pub struct WorkerInfo {
     pub max_pixels: u64,
     /// Largest payload, bytes.
     pub max_payload_bytes: u64,
+    /// What it grants besides; 0 = not limited.
+    #[serde(default)]
+    pub quotas: Quotas,
+    /// Requests since its start that found no room even for a refusal, and ended empty.
+    #[serde(default)]
+    pub unanswered: u64,
     /// Since it started, s.
     pub uptime_s: f64,
 }
@@ -223,9 +234,39 @@ impl WorkerInfo {
             threads: 0,
             max_pixels: 0,
             max_payload_bytes: 0,
+            quotas: Quotas::default(),
+            unanswered: 0,
             uptime_s: 0.0,
         }
     }
+}
+
+/// What a worker grants to one client and to all together, and what it grants now; 0 = not limited.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Quotas {
+    /// Tasks of one client.
+    pub tasks_per_client: u64,
+    /// Pixels of the cameras of one client's tasks.
+    pub pixels_per_client: u64,
+    /// Pixels of the cameras of all tasks.
+    pub pixels: u64,
+    /// Bytes that one client's targets and waiting messages take.
+    pub bytes_per_client: u64,
+    /// Bytes that all targets and waiting messages take.
+    pub bytes: u64,
+    /// Messages of one client that wait for their turn.
+    pub waiting_per_client: u64,
+    /// Messages of all clients that wait for their turn.
+    pub waiting: u64,
+    /// Frames of one client in a second, asked and pushed.
+    pub frames_per_s_per_client: u64,
+    /// Other requests of one client in a second.
+    pub requests_per_s_per_client: u64,
+    /// Pixels in use.
+    pub pixels_used: u64,
+    /// Bytes in use.
+    pub bytes_used: u64,
 }
 
 /// What a camera publishes on its `info`.

@@ -9,10 +9,10 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
 use domvs_proto::body;
-use domvs_proto::settings::Lease;
 use domvs_proto::status::Status;
 
 use crate::Moment;
+use crate::clerk::{Asker, Note};
 use crate::desk::{Desk, lock};
 use crate::registrar::Job;
 use crate::worker::Shared;
@@ -21,7 +21,7 @@ use crate::worker::Shared;
 const TICK: Duration = Duration::from_millis(5);
 /// A task without a frame for this long is not said to be servoing any more, even if it only answers requests.
 const QUIET: Duration = Duration::from_secs(2);
-/// A client whose token has not arrived this long after its task was created counts as gone.
+/// A client whose token has not arrived this long after its task was created, or given this token, counts as gone.
 const TOKEN_GRACE: Duration = Duration::from_secs(2);
 
 /// Looks after every task until `closing` is dropped.
@@ -41,9 +41,7 @@ pub(crate) fn run(shared: &Arc<Shared>, closing: &Receiver<()>) {
 
 fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
     throw_away_after_pause(desk, pause, now);
-    if desk.lease == Lease::Client && !desk.closing.load(Ordering::Acquire) {
-        watch_client(desk, now);
-    }
+    let leased = !desk.closing.load(Ordering::Acquire) && watch_client(desk, now);
     obey_halt(desk, now);
     let status = match lock(&desk.board).status() {
         Status::Servoing => Status::WaitingFrame,
@@ -57,7 +55,7 @@ fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
         board.say(Status::WaitingFrame, Some("no frame came within the watchdog time"));
     }
     let idle_close = Duration::from_secs(u64::from(desk.idle_close_s.load(Ordering::Acquire)));
-    if desk.lease == Lease::None && now.saturating_sub(board.last_used()) > idle_close {
+    if !leased && now.saturating_sub(board.last_used()) > idle_close {
         desk.closing.store(true, Ordering::Release);
     }
     let mut message = board.due(now);
@@ -97,13 +95,17 @@ fn obey_halt(desk: &Arc<Desk>, now: Moment) {
     desk.shared.pool.schedule(desk);
 }
 
-fn watch_client(desk: &Arc<Desk>, now: Moment) {
-    let present = desk.shared.client_is_alive(&desk.key.client);
+/// Returns whether the task hangs on a token at all.
+fn watch_client(desk: &Arc<Desk>, now: Moment) -> bool {
     let mut lease = lock(&desk.lease_watch);
+    let Some(present) = lock(&desk.lease).is_present() else {
+        lease.gone_since = None;
+        return false;
+    };
     lease.seen |= present;
     // A client that comes back must take its task up again, or it is closed all the same: see `Desk::control`.
-    if lease.gone_since.is_none() && (present || !lease.seen && now.saturating_sub(desk.born) < TOKEN_GRACE) {
-        return;
+    if lease.gone_since.is_none() && (present || !lease.seen && now.saturating_sub(lease.chosen) < TOKEN_GRACE) {
+        return true;
     }
     match lease.gone_since {
         None => {
@@ -116,6 +118,7 @@ fn watch_client(desk: &Arc<Desk>, now: Moment) {
         }
         Some(_) => {}
     }
+    true
 }
 
 /// A process that was stopped, or starved, finds old frames in its queues. They tell nothing about now.
@@ -129,7 +132,8 @@ fn throw_away_after_pause(desk: &Arc<Desk>, pause: Duration, now: Moment) {
     let (requests, frame) = desk.mailbox.discard_images();
     lock(&desk.board).dropped().stale += requests.len() as u64 + u64::from(frame.is_some());
     for request in requests {
-        desk.shared.give(Job::TwistRefused(Arc::clone(desk), request.query, Status::StaleFrame));
+        let note = Note::TwistRefused(Arc::clone(desk), request.message.query, Status::StaleFrame);
+        desk.shared.note(Asker::Owner, note);
     }
 }
 

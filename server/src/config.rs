@@ -42,8 +42,24 @@ pub struct Limits {
     pub tasks_per_client: usize,
     /// Pixels of one image; a larger one is refused before it is decoded.
     pub pixels_per_frame: usize,
+    /// Pixels of the cameras of one client's tasks together: what its buffers take grows with them.
+    pub pixels_per_client: usize,
+    /// Pixels of the cameras of all tasks.
+    pub pixels: usize,
     /// Bytes of one payload, and of all twist requests that wait for one task.
     pub bytes_per_payload: usize,
+    /// Bytes that one client's targets and waiting messages take.
+    pub bytes_per_client: usize,
+    /// Bytes that all targets and waiting messages take.
+    pub bytes: usize,
+    /// Messages of one client that wait for their turn, in all of its tasks.
+    pub waiting_per_client: usize,
+    /// Messages of all clients that wait for their turn.
+    pub waiting: usize,
+    /// Frames of one client in a second, asked and pushed, with bursts of as many; 0: no limit.
+    pub frames_per_s_per_client: usize,
+    /// Other requests of one client in a second, with bursts of as many; 0: no limit. A stop is always let in.
+    pub requests_per_s_per_client: usize,
 }
 
 /// What a standby may hold.
@@ -84,7 +100,20 @@ impl Default for ServerConfig {
 
 impl Default for Limits {
     fn default() -> Self {
-        Limits { tasks: 64, tasks_per_client: 16, pixels_per_frame: 3840 * 2160, bytes_per_payload: 64 * 1024 * 1024 }
+        Limits {
+            tasks: 64,
+            tasks_per_client: 16,
+            pixels_per_frame: 3840 * 2160,
+            pixels_per_client: 1 << 25,
+            pixels: 1 << 27,
+            bytes_per_payload: 64 << 20,
+            bytes_per_client: 256 << 20,
+            bytes: 1 << 30,
+            waiting_per_client: 128,
+            waiting: 1024,
+            frames_per_s_per_client: 2000,
+            requests_per_s_per_client: 500,
+        }
     }
 }
 
@@ -149,14 +178,10 @@ impl ServerConfig {
         }
         check_range("threads", "0 to 256", self.threads, 0, 256)?;
         check_range("mailbox_depth", "1 to 64", self.mailbox_depth, 1, 64)?;
-        check_range("limits.tasks", "1 to 10000", self.limits.tasks, 1, 10_000)?;
-        check_range("limits.tasks_per_client", "1 to 10000", self.limits.tasks_per_client, 1, 10_000)?;
-        let (pixels, bytes) = (self.limits.pixels_per_frame, self.limits.bytes_per_payload);
-        check_range("limits.pixels_per_frame", "64 to 16777216", pixels, 64, 1 << 24)?;
-        check_range("limits.bytes_per_payload", "1024 to 1073741824", bytes, 1024, 1 << 30)?;
         check_range("replica.tasks", "0 to 10000", self.replica.tasks, 0, 10_000)?;
         check_range("replica.bytes", "0 to 17179869184", self.replica.bytes, 0, 1 << 34)?;
         check_range("replica.prepared", "0 to 10000", self.replica.prepared, 0, 10_000)?;
+        self.limits.check()?;
         Ok(self)
     }
 
@@ -173,6 +198,26 @@ impl ServerConfig {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
         }
+    }
+}
+
+impl Limits {
+    fn check(&self) -> Result<(), ConfigError> {
+        const MOST_PIXELS: usize = 1 << 37;
+        const MOST_BYTES: usize = 1 << 40;
+        check_range("limits.tasks", "1 to 10000", self.tasks, 1, 10_000)?;
+        check_range("limits.tasks_per_client", "1 to 10000", self.tasks_per_client, 1, 10_000)?;
+        check_range("limits.pixels_per_frame", "64 to 16777216", self.pixels_per_frame, 64, 1 << 24)?;
+        check_range("limits.pixels_per_client", "64 to 137438953472", self.pixels_per_client, 64, MOST_PIXELS)?;
+        check_range("limits.pixels", "64 to 137438953472", self.pixels, 64, MOST_PIXELS)?;
+        check_range("limits.bytes_per_payload", "1024 to 1073741824", self.bytes_per_payload, 1024, 1 << 30)?;
+        check_range("limits.bytes_per_client", "1024 to 1099511627776", self.bytes_per_client, 1024, MOST_BYTES)?;
+        check_range("limits.bytes", "1024 to 1099511627776", self.bytes, 1024, MOST_BYTES)?;
+        check_range("limits.waiting_per_client", "1 to 1000000", self.waiting_per_client, 1, 1_000_000)?;
+        check_range("limits.waiting", "1 to 1000000", self.waiting, 1, 1_000_000)?;
+        let (frames, requests) = (self.frames_per_s_per_client, self.requests_per_s_per_client);
+        check_range("limits.frames_per_s_per_client", "0 to 1000000", frames, 0, 1_000_000)?;
+        check_range("limits.requests_per_s_per_client", "0 to 1000000", requests, 0, 1_000_000)
     }
 }
 

@@ -5,7 +5,7 @@
 //! JPEG's own size against both. So neither a lie nor a decompression bomb costs memory.
 //!
 //! Gray is `(0.299 R + 0.587 G + 0.114 B) / 255`, unrounded; 16-bit samples are over 65535; Y of YUYV and NV12 is over 255;
-//! alpha is ignored; `mono32f` is taken as it is, outside [0, 1] too. A PNG's gamma and colour profile and a JPEG's orientation are
+//! alpha is ignored; `mono32f` is taken as it is, within [`TAKEN`]. A PNG's gamma and colour profile and a JPEG's orientation are
 //! ignored: a camera's pixels stay where they are.
 //!
 //! Odd sizes of YUYV and NV12 are refused, as the header's rules say. A cut-off JPEG is refused as well: decoders would fill
@@ -30,6 +30,9 @@ pub use self::depth::DepthRows;
 use self::gray::{Found, Rows};
 pub use self::preprocess::{invert, weights};
 use crate::payload::Payload;
+
+/// Samples of `mono32f` that are taken as they are. [0, 1] is meant; noise and light may lead outside, gray from 0 to 255 is a mistake.
+pub const TAKEN: std::ops::RangeInclusive<f32> = -1.0..=2.0;
 
 /// What one frame may cost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -108,6 +111,14 @@ pub enum DecodeError {
         /// Those that are finite.
         finite: usize,
     },
+    /// Some finite samples are far from gray in [0, 1].
+    #[error("mono32f samples must be {} to {} ([0, 1] is meant), got {outside} of {pixels} outside", TAKEN.start(), TAKEN.end())]
+    OutOfRange {
+        /// Pixels of the image.
+        pixels: usize,
+        /// Those outside.
+        outside: usize,
+    },
 }
 
 /// Decodes the frames of one task, into the same plane again and again.
@@ -146,7 +157,7 @@ impl Decoder {
         check_pixels(header.width, header.height, limits)?;
 
         let Decoder { image, samples, seam } = self;
-        let (image, Found { sums, replaced }) = match header.pixel_format {
+        let (image, Found { sums, replaced, outside }) = match header.pixel_format {
             PixelFormat::ByEncoding => {
                 let codec = Codec::named(encoding)?;
                 let bytes = payload.reader().take(layout.pixels.len(), seam);
@@ -168,6 +179,9 @@ impl Decoder {
         let pixels = image.samples().len();
         if 2 * replaced > pixels {
             return Err(DecodeError::NotFinite { pixels, finite: pixels - replaced });
+        }
+        if outside > 0 {
+            return Err(DecodeError::OutOfRange { pixels, outside });
         }
         let depth = layout.depth.map(|depth| DepthRows::new(header, payload, depth.start, seam));
         Ok(Decoded { image, contrast: sums.contrast(), depth, replaced_pixels: replaced })

@@ -14,7 +14,6 @@ use domvs_proto::body;
 use domvs_proto::frame::Secret;
 use domvs_proto::keys::TaskKey;
 use domvs_proto::messages::{ErrorCode, ErrorReply};
-use domvs_proto::settings::Lease;
 use domvs_proto::status::Status;
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::key_expr::KeyExpr;
@@ -23,11 +22,13 @@ use zenoh::query::Query;
 use crate::Moment;
 use crate::board::Board;
 use crate::endpoints::Publications;
+use crate::lease::{LeaseWatch, WatchedLease};
 use crate::mailbox::{Item, Mailbox};
 use crate::outlet::Outlet;
 use crate::ownership::SecretCheck;
 use crate::pool::Work;
 use crate::task::Task;
+use crate::tenants::{Bucket, Held, Tenant};
 use crate::worker::Shared;
 
 /// Something a client wants of a task, other than a twist.
@@ -43,6 +44,13 @@ pub(crate) enum Order {
 }
 
 impl Order {
+    /// What was asked.
+    pub(crate) fn query(&self) -> &Query {
+        match self {
+            Order::Control(query) | Order::Settings(query) | Order::Target(query, _) | Order::State(query) => query,
+        }
+    }
+
     /// Who waits for an answer.
     pub(crate) fn into_query(self) -> Query {
         match self {
@@ -65,13 +73,10 @@ pub(crate) struct PushedFrame {
     pub(crate) received: Moment,
 }
 
-/// What is known of the client's liveliness token.
-#[derive(Debug, Default)]
-pub(crate) struct LeaseWatch {
-    /// It has been there.
-    pub(crate) seen: bool,
-    /// Since when it has been gone; its coming back alone does not change that, a `start` or `resume` does.
-    pub(crate) gone_since: Option<Moment>,
+/// A message that waits, with what it takes of its client's account until it is done with.
+pub(crate) struct Waiting<T> {
+    pub(crate) message: T,
+    pub(crate) held: Held,
 }
 
 /// One task with everything that waits for it.
@@ -81,18 +86,29 @@ pub(crate) struct Desk {
     pub(crate) twist_key: KeyExpr<'static>,
     pub(crate) epoch: u32,
     pub(crate) secret: SecretCheck,
-    pub(crate) born: Moment,
+    /// What lets a camera push frames, and nothing else.
+    pub(crate) frame_secret: SecretCheck,
+    /// Of the settings: what callbacks need without waiting for the task.
+    pub(crate) frames_need_secret: AtomicBool,
+    /// What its client uses and may use.
+    pub(crate) tenant: Arc<Tenant>,
+    /// For questions that need no secret, whoever asks them.
+    pub(crate) public: Mutex<Bucket>,
+    /// What the target takes of the client's account.
+    pub(crate) target_bytes: Mutex<Option<Held>>,
+    /// Of the camera of the settings; changes under the lock of all desks alone.
+    pub(crate) pixels: AtomicU64,
     pub(crate) shared: Arc<Shared>,
     pub(crate) publications: Publications,
-    pub(crate) mailbox: Mailbox<Order, TwistRequest, PushedFrame>,
+    pub(crate) mailbox: Mailbox<Waiting<Order>, Waiting<TwistRequest>, Waiting<PushedFrame>>,
     pub(crate) task: Mutex<Task>,
     pub(crate) outlet: Mutex<Outlet>,
     pub(crate) board: Mutex<Board>,
     /// The client's token, as the clock sees it.
     pub(crate) lease_watch: Mutex<LeaseWatch>,
-    /// Of the settings: what the clock needs without waiting for the task, which the pool may hold.
-    pub(crate) lease: Lease,
-    /// The same; changes with the settings.
+    /// The token itself. Locked after the watch.
+    pub(crate) lease: Mutex<WatchedLease>,
+    /// Of the settings: what the clock needs without waiting for the task, which the pool may hold. Changes with the settings.
     pub(crate) idle_close_s: AtomicU32,
     /// A status to latch before anything else is done; set by callbacks and the clock.
     pub(crate) halt: Mutex<Option<Status>>,
@@ -116,9 +132,9 @@ impl Work for Desk {
         self.guarded(|| {
             self.obey_halt();
             match self.mailbox.take() {
-                Some(Item::Order(order)) => self.obey(order),
-                Some(Item::Request(request)) => self.answer_twist(&request),
-                Some(Item::Frame(frame)) => self.follow_frame(&frame),
+                Some(Item::Order(Waiting { message, held: _held })) => self.obey(message),
+                Some(Item::Request(Waiting { message, held: _held })) => self.answer_twist(&message),
+                Some(Item::Frame(Waiting { message, held: _held })) => self.follow_frame(&message),
                 None => {}
             }
         });
@@ -149,7 +165,7 @@ impl Desk {
     /// The last words of a worker that ends, after its zeros: `owner_lost`, and an answer to every request that waits.
     pub(crate) fn say_last_words(&self, now: Moment) {
         let (requests, _) = self.mailbox.discard_images();
-        requests.iter().for_each(|request| self.refuse_twist(&request.query, Status::OwnerLost));
+        requests.iter().for_each(|request| self.refuse_twist(&request.message.query, Status::OwnerLost));
         let mut board = lock(&self.board);
         board.say(Status::OwnerLost, None);
         if let Some(message) = board.due(now) {
@@ -182,6 +198,19 @@ impl Desk {
             Some(_) => Err(ErrorReply::new(ErrorCode::NotOwner, "the secret is not this task's")),
             None => Err(ErrorReply::new(ErrorCode::NotOwner, "the request carries no secret; create returned it")),
         }
+    }
+
+    /// Whether a pushed frame with this secret is this task's.
+    pub(crate) fn takes_frames_of(&self, secret: &Secret) -> bool {
+        // Both are compared whatever the first says.
+        self.frame_secret.admits(secret) | self.secret.admits(secret)
+    }
+
+    /// The task is closed: what it took of its client's account is given back, whoever still looks at it.
+    pub(crate) fn forget(&self) {
+        lock(&self.target_bytes).take();
+        let lease = std::mem::take(&mut *lock(&self.lease));
+        drop(lease);
     }
 
     pub(crate) fn check_bytes(&self, payload: Option<&ZBytes>) -> Result<(), String> {

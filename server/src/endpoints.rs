@@ -1,29 +1,23 @@
 //! The Zenoh keys of one task: declared when it is created, gone when it is closed.
 //!
-//! Callbacks run one after another on the session's receive path, so each only puts what came into the mailbox
-//! and wakes the pool.
+//! What their callbacks do is in `door`.
 
 use std::sync::Arc;
 
 use domvs_proto::body;
 use domvs_proto::keys::{Keys, TaskKey};
-use domvs_proto::messages::{ErrorCode, ErrorReply};
 use domvs_proto::settings::Frames;
-use domvs_proto::status::Status;
 use domvs_proto::twist::TWIST_ENCODING;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{Query, Queryable};
-use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
-use crate::desk::{Desk, Order, PushedFrame, TwistRequest, lock};
-use crate::orders::attached_secret;
+use crate::desk::Desk;
+use crate::door;
 use crate::outlet::Publish;
-use crate::registrar::Job;
 use crate::task::SentTarget;
-use crate::worker::Shared;
 
 /// What a task publishes besides `command`.
 pub(crate) struct Publications {
@@ -80,14 +74,11 @@ impl Endpoints {
     pub(crate) fn declare(desk: &Arc<Desk>, frames: &Frames) -> zenoh::Result<Endpoints> {
         let (session, keys, task) = (&desk.shared.session, &desk.shared.keys, &desk.key);
         let queryables = vec![
-            queryable(session, keys.control(task), desk, control)?,
-            queryable(session, keys.settings(task), desk, |desk, query| order(desk, Order::Settings(query)))?,
-            queryable(session, keys.state(task), desk, |desk, query| order(desk, Order::State(query)))?,
-            queryable(session, keys.target(task), desk, |desk, query| {
-                let received = desk.shared.now();
-                order(desk, Order::Target(query, received));
-            })?,
-            queryable(session, keys.twist(task), desk, request_twist)?,
+            queryable(session, keys.control(task), desk, door::control)?,
+            queryable(session, keys.settings(task), desk, door::settings)?,
+            queryable(session, keys.state(task), desk, door::state)?,
+            queryable(session, keys.target(task), desk, door::target)?,
+            queryable(session, keys.twist(task), desk, door::request_twist)?,
         ];
         let mut subscribers = vec![frame_subscriber(session, keys.frame(task), desk)?];
         if let Frames::Key(key) = frames {
@@ -111,67 +102,7 @@ fn queryable(
 
 fn frame_subscriber(session: &Session, key: String, desk: &Arc<Desk>) -> zenoh::Result<Subscriber<()>> {
     let desk = Arc::clone(desk);
-    session.declare_subscriber(key).callback(move |sample| push_frame(&desk, &sample)).wait()
-}
-
-/// A stop must find room: only the owner's words are let in, and they have a queue of their own.
-fn control(desk: &Arc<Desk>, query: Query) {
-    match desk.check_owner(attached_secret(&query).as_ref()) {
-        Ok(()) => enqueued(desk, desk.mailbox.push_urgent(Order::Control(query))),
-        Err(error) => {
-            desk.shared.give(Job::Refused(query, error));
-        }
-    }
-}
-
-fn order(desk: &Arc<Desk>, order: Order) {
-    enqueued(desk, desk.mailbox.push_order(order));
-}
-
-fn enqueued(desk: &Arc<Desk>, pushed: Result<(), Order>) {
-    match pushed {
-        Ok(()) => desk.shared.pool.schedule(desk),
-        Err(order) => {
-            let busy = ErrorReply::new(ErrorCode::Quota, "too many requests wait for this task; ask again");
-            desk.shared.give(Job::Refused(order.into_query(), busy));
-        }
-    }
-}
-
-fn request_twist(desk: &Arc<Desk>, query: Query) {
-    let shared: &Shared = &desk.shared;
-    let received = shared.now();
-    lock(&desk.board).frame_arrived(received);
-    let refused = match query.payload().map_or(0, zenoh::bytes::ZBytes::len) {
-        size if size > shared.config.limits.bytes_per_payload => Some((query, Status::BadFrame)),
-        size => {
-            let full = desk.mailbox.push_request(TwistRequest { query, received }, size);
-            full.err().map(|request| (request.query, Status::Overloaded))
-        }
-    };
-    match refused {
-        None => shared.pool.schedule(desk),
-        Some((query, status)) => {
-            shared.give(Job::TwistRefused(Arc::clone(desk), query, status));
-        }
-    }
-}
-
-fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
-    let shared: &Shared = &desk.shared;
-    let received = shared.now();
-    let frame = PushedFrame {
-        attachment: sample.attachment().cloned(),
-        encoding: sample.encoding().clone(),
-        payload: sample.payload().clone(),
-        received,
-    };
-    let passed_over = desk.mailbox.put_frame(frame).is_some();
-    let mut board = lock(&desk.board);
-    board.frame_arrived(received);
-    board.dropped().superseded += u64::from(passed_over);
-    drop(board);
-    shared.pool.schedule(desk);
+    session.declare_subscriber(key).callback(move |sample| door::push_frame(&desk, &sample)).wait()
 }
 
 fn log_failure(result: zenoh::Result<()>) {

@@ -13,7 +13,7 @@ use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
-use crate::answers::{log_failure, reply_error};
+use crate::answers::log_failure;
 use crate::desk::{Desk, PushedFrame, TwistRequest, lock};
 use crate::outlet::refused;
 use crate::payload::{Payload, header_of};
@@ -24,7 +24,9 @@ impl Desk {
     /// Answers a twist request that nobody will compute.
     pub(crate) fn refuse_twist(&self, query: &Query, status: Status) {
         let header = header_of(query.attachment()).unwrap_or_else(|_| unreadable_header());
-        let mut answer = TwistMessage::zero(status);
+        // A task that stands says why it stands, to whoever it is.
+        let standing = Some(lock(&self.board).status()).filter(|now| status == Status::BadFrame && now.is_latched());
+        let mut answer = TwistMessage::zero(standing.unwrap_or(status));
         (answer.sequence, answer.capture_time_ns) = (header.sequence, header.capture_time_ns);
         if status == Status::Overloaded {
             lock(&self.board).dropped().overloaded += 1;
@@ -41,9 +43,6 @@ impl Desk {
                 return self.reply_twist(query, answer);
             }
         };
-        if let Err(error) = self.check_owner(header.secret.as_ref()) {
-            return reply_error(query, &error);
-        }
         let payload = query.payload().map_or(Payload::Whole(&[]), Payload::from);
         let encoding: Cow<'static, str> = query.encoding().map(Cow::from).unwrap_or_default();
         let frame = Frame {
@@ -106,10 +105,10 @@ impl Desk {
         self.record(&frame, Some(&pushed.payload), Leaf::Command, &sent);
     }
 
-    /// A pushed frame needs no secret, but one that names another's is meant for another task.
+    /// A pushed frame needs no secret unless the settings ask for it, but one that names another's is meant for another task.
     fn check_pushed_secret(&self, header: FrameHeader) -> Result<FrameHeader, String> {
         match &header.secret {
-            Some(secret) if !self.secret.admits(secret) => Err("the frame carries another task's secret".to_owned()),
+            Some(secret) if !self.takes_frames_of(secret) => Err("the frame carries another task's secret".to_owned()),
             _ => Ok(header),
         }
     }

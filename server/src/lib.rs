@@ -7,7 +7,9 @@
 //! Around each [`task`] stand three things that are locked one by one: its *desk*, where the pool does its `orders`
 //! and `frames`; its *outlet*, the only way to `command`, which the clock can reach while the desk is busy; and its
 //! *board*, which holds what `status` says. `worker` ties all to Zenoh, the `registrar` makes and closes tasks, the
-//! `clock` watches what does not happen, the `replica` stands by for the tasks of other workers. Start reading at [`pipeline::on_frame`].
+//! `clock` watches what does not happen, the `clerk`s answer what needs no computation, the `replica` stands by for the tasks of
+//! other workers. What a client is let have is counted in `tenants` and `quotas`, the token it hangs on is watched in `lease`. Start
+//! reading at [`pipeline::on_frame`].
 
 use std::time::Duration;
 
@@ -41,11 +43,19 @@ mod board;
 
 mod desk;
 
+mod lease;
+
+mod tenants;
+
+mod quotas;
+
 mod orders;
 
 mod frames;
 
 mod answers;
+
+mod door;
 
 mod endpoints;
 
@@ -54,6 +64,8 @@ mod clock;
 mod ownership;
 
 mod registrar;
+
+mod clerk;
 
 mod replica;
 
@@ -64,6 +76,8 @@ mod state_dir;
 mod worker;
 
 mod service;
+
+pub mod session;
 
 pub mod record;
 

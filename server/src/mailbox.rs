@@ -1,5 +1,5 @@
-//! What waits for one task: a few orders (a stop among them never waits behind another), a few twist requests,
-//! and the newest frame.
+//! What waits for one task: a few orders (a stop among them never waits behind another), a few questions that anybody may
+//! ask (they take no room of the owner's), a few twist requests, and the newest frame.
 //!
 //! Zenoh callbacks run on the session's receive path, so they only put things here and return. Nothing blocks
 //! and nothing grows: an order or a request that finds its queue full comes back to the caller, a frame
@@ -12,7 +12,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// What [`Mailbox::take`] hands to the compute pool.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Item<O, R, F> {
-    /// Control first, then settings, target and state: always before images.
+    /// Control first, then settings and target: always before images. Questions of anybody in turn with images.
     Order(O),
     /// One twist request.
     Request(R),
@@ -33,23 +33,27 @@ pub struct Mailbox<O, R, F> {
 struct Slots<O, R, F> {
     urgent: VecDeque<O>,
     orders: VecDeque<O>,
+    questions: VecDeque<O>,
     /// Each with its bytes.
     requests: VecDeque<(R, usize)>,
     request_bytes: usize,
     frame: Option<F>,
     frame_goes_next: bool,
+    question_goes_next: bool,
 }
 
 impl<O, R, F> Mailbox<O, R, F> {
-    /// A mailbox that holds `depth` urgent orders, `depth` other orders, `depth` requests of `most_bytes` together and one frame.
+    /// A mailbox that holds `depth` urgent orders, `depth` other orders, `depth` questions, `depth` requests of `most_bytes` together and one frame.
     pub fn new(depth: usize, most_bytes: usize) -> Mailbox<O, R, F> {
         let slots = Slots {
             urgent: VecDeque::with_capacity(depth),
             orders: VecDeque::with_capacity(depth),
+            questions: VecDeque::with_capacity(depth),
             requests: VecDeque::with_capacity(depth),
             request_bytes: 0,
             frame: None,
             frame_goes_next: false,
+            question_goes_next: false,
         };
         Mailbox { depth, most_bytes, slots: Mutex::new(slots) }
     }
@@ -62,6 +66,11 @@ impl<O, R, F> Mailbox<O, R, F> {
     /// Adds an order, or gives it back when the queue is full.
     pub fn push_order(&self, order: O) -> Result<(), O> {
         push(&mut self.lock().orders, order, self.depth)
+    }
+
+    /// Adds a question that anybody may ask, or gives it back when there are too many.
+    pub fn push_question(&self, question: O) -> Result<(), O> {
+        push(&mut self.lock().questions, question, self.depth)
     }
 
     /// Adds a twist request of `bytes`, or gives it back when the queue is full.
@@ -81,7 +90,7 @@ impl<O, R, F> Mailbox<O, R, F> {
         self.lock().frame.replace(frame)
     }
 
-    /// The next thing to do: orders first, then requests and the frame in turn.
+    /// The next thing to do: orders first, then requests and the frame in turn, and a question after each.
     pub fn take(&self) -> Option<Item<O, R, F>> {
         let mut slots = self.lock();
         if let Some(order) = slots.urgent.pop_front() {
@@ -89,6 +98,13 @@ impl<O, R, F> Mailbox<O, R, F> {
         }
         if let Some(order) = slots.orders.pop_front() {
             return Some(Item::Order(order));
+        }
+        let no_image = slots.frame.is_none() && slots.requests.is_empty();
+        if slots.question_goes_next || no_image {
+            slots.question_goes_next = false;
+            if let Some(question) = slots.questions.pop_front() {
+                return Some(Item::Order(question));
+            }
         }
         let frame_first = slots.frame_goes_next || slots.requests.is_empty();
         let item = match slots.frame.take_if(|_| frame_first) {
@@ -100,13 +116,15 @@ impl<O, R, F> Mailbox<O, R, F> {
             }
         };
         slots.frame_goes_next = matches!(item, Item::Request(_));
+        slots.question_goes_next = true;
         Some(item)
     }
 
     /// Whether [`Mailbox::take`] would return something.
     pub fn has_items(&self) -> bool {
         let slots = self.lock();
-        !slots.urgent.is_empty() || !slots.orders.is_empty() || !slots.requests.is_empty() || slots.frame.is_some()
+        let orders = [&slots.urgent, &slots.orders, &slots.questions].iter().any(|queue| !queue.is_empty());
+        orders || !slots.requests.is_empty() || slots.frame.is_some()
     }
 
     /// Takes out every image that waits, for a worker that was away too long to use them.
@@ -171,6 +189,19 @@ mod tests {
         assert_eq!(mailbox.push_urgent("stop"), Ok(()));
         assert_eq!(mailbox.take(), Some(Item::Order("stop")));
         assert_eq!(mailbox.take(), Some(Item::Order("get")));
+    }
+
+    #[test]
+    fn questions_of_anybody_take_no_room_of_orders_and_wait_for_one_image_each() {
+        let mailbox = mailbox();
+        assert_eq!(["a", "b", "c"].map(|question| mailbox.push_question(question)), [Ok(()), Ok(()), Err("c")]);
+        mailbox.push_order("set").expect("room of its own");
+        mailbox.push_request(1, 1).expect("room");
+        mailbox.push_request(2, 1).expect("room");
+        let taken = std::array::from_fn(|_| mailbox.take());
+        let [set, first, a, second, b, none] = taken;
+        assert_eq!([set, a, b], ["set", "a", "b"].map(|order| Some(Item::Order(order))));
+        assert_eq!([first, second, none], [Some(Item::Request(1)), Some(Item::Request(2)), None]);
     }
 
     #[test]

@@ -1,14 +1,16 @@
-//! What a desk does with an order: control, settings, target, state.
+//! What a desk does with an order: control, settings, target, state. The secret was looked at before it was let in, in `door`.
 
 use std::sync::atomic::Ordering;
 
 use domvs_proto::body;
-use domvs_proto::frame::{FrameError, Secret};
+use domvs_proto::frame::Secret;
 use domvs_proto::keys::Leaf;
 use domvs_proto::messages::{
     Control, ControlReply, ErrorCode, ErrorReply, Progress, TargetReference, TaskClosed, TaskProgress, TaskState,
 };
+use domvs_proto::settings::TaskSettings;
 use domvs_proto::status::Status;
+use serde_json::Value;
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
@@ -49,7 +51,6 @@ impl Desk {
         }
     }
 
-    /// The secret was looked at before this was let in.
     fn control(&self, query: &Query) -> Result<Vec<u8>, ErrorReply> {
         let control: Control = read_json(query)?;
         if matches!(control, Control::Start | Control::Resume) && self.is_without_client() {
@@ -87,19 +88,30 @@ impl Desk {
 
     /// The client's token has gone and is not back: nothing may move before it is.
     fn is_without_client(&self) -> bool {
-        lock(&self.lease_watch).gone_since.is_some() && !self.shared.client_is_alive(&self.key.client)
+        lock(&self.lease_watch).gone_since.is_some() && lock(&self.lease).is_present() == Some(false)
     }
 
     fn settings(&self, query: &Query) -> Result<Vec<u8>, ErrorReply> {
-        self.check_owner(attached_secret(query).as_ref())?;
         let mut task = lock(&self.task);
         if query.payload().is_none_or(ZBytes::is_empty) {
             return Ok(body::write(task.settings()));
         }
-        let json = body::write(task.change_settings(&read_json(query)?)?);
+        let json = body::write(self.change_settings(&mut task, &read_json(query)?)?);
         self.settings_changed(&task);
         self.publish_state(&task);
         Ok(json)
+    }
+
+    /// Changes the settings within the client's quotas. On an error nothing changes.
+    fn change_settings<'t>(&self, task: &'t mut Task, patch: &Value) -> Result<&'t TaskSettings, ErrorReply> {
+        let next = task.settings().merge_patch(patch).map_err(|error| ErrorReply::from(&error))?;
+        let pixels = self.shared.resize(self, &next)?;
+        let new_lease = (next.lease != task.settings().lease).then_some(next.lease);
+        let changed = task.change_settings(patch).inspect_err(|_| self.pixels.store(pixels, Ordering::Release))?;
+        if let Some(lease) = new_lease {
+            self.watch_lease(&lease).map_err(|error| ErrorReply::new(ErrorCode::Internal, error))?;
+        }
+        Ok(changed)
     }
 
     /// Puts the zeros, the limits and the words of the present settings everywhere they are used.
@@ -107,6 +119,7 @@ impl Desk {
         let settings = task.settings();
         let period = std::time::Duration::from_secs_f64(settings.frame_period_s);
         self.idle_close_s.store(settings.idle_close_s, Ordering::Release);
+        self.frames_need_secret.store(settings.frame_secret, Ordering::Release);
         lock(&self.outlet).governor_mut().reconfigure(acceleration_limits(settings), task.watchdog(), period);
         if let Some(recorder) = &self.shared.recorder {
             let json = String::from_utf8_lossy(&body::write(settings)).into_owned();
@@ -115,17 +128,16 @@ impl Desk {
     }
 
     fn set_target(&self, query: &Query, received: Moment) -> Result<Vec<u8>, ErrorReply> {
-        let header = header_of(query.attachment()).map_err(|error| {
-            let wrong_version = matches!(error, FrameError::WrongVersion { .. });
-            ErrorReply::new(if wrong_version { ErrorCode::WrongVersion } else { ErrorCode::BadTarget }, error)
-        })?;
-        self.check_owner(header.secret.as_ref())?;
-        self.check_bytes(query.payload()).map_err(|error| ErrorReply::new(ErrorCode::TooLarge, error))?;
+        // Whoever let it in has read it once.
+        let header = header_of(query.attachment()).map_err(|error| ErrorReply::new(ErrorCode::BadTarget, error))?;
+        let bytes = query.payload().map_or(0, ZBytes::len);
+        let held = self.tenant.hold_bytes(bytes).map_err(|error| ErrorReply::new(ErrorCode::Quota, error))?;
         let payload = query.payload().map_or(Payload::Whole(&[]), Payload::from);
         let encoding = query.encoding().map(ToString::to_string).unwrap_or_default();
         let frame = Frame { header: &header, encoding: &encoding, payload, received, route: Route::Requested };
         let mut task = lock(&self.task);
         let status = task.set_target(&frame)?;
+        *lock(&self.target_bytes) = Some(held);
         if let Some(recorder) = &self.shared.recorder {
             let key = self.shared.keys.target(&self.key);
             recorder.target(
@@ -147,10 +159,8 @@ impl Desk {
     }
 
     fn answer_target(&self, query: &Query) {
-        let sent = self.check_owner(attached_secret(query).as_ref()).and_then(|()| {
-            let no_target = || ErrorReply::new(ErrorCode::NoTarget, "no target is set");
-            lock(&self.task).target().cloned().ok_or_else(no_target)
-        });
+        let no_target = || ErrorReply::new(ErrorCode::NoTarget, "no target is set");
+        let sent = lock(&self.task).target().cloned().ok_or_else(no_target);
         match sent {
             Ok(SentTarget { header, encoding, payload, .. }) => {
                 let reply = query.reply(self.shared.keys.target(&self.key), payload).encoding(encoding.as_str());
@@ -187,6 +197,7 @@ impl Desk {
             epoch: self.epoch,
             revision: self.revision.load(Ordering::Acquire),
             secret_hash: self.secret.hash(),
+            frame_secret_hash: self.frame_secret.hash(),
             settings: task.settings().clone(),
             target: task.target().map(|sent| TargetReference {
                 hash: sent.hash().to_owned(),

@@ -1,5 +1,4 @@
-//! The registrar: one thread that creates and closes tasks, one after another, and gives the answers that neither
-//! callbacks nor compute threads have time for.
+//! The registrar: one thread that creates and closes tasks, one after another. What it grants is in `tenants`.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -21,26 +20,26 @@ use crate::Moment;
 use crate::answers::{reply_error, reply_json};
 use crate::board::Board;
 use crate::decode::DecodeLimits;
-use crate::desk::{Desk, LeaseWatch, lock};
+use crate::desk::{Desk, lock};
 use crate::endpoints::{Endpoints, Publications, command};
 use crate::governor::Governor;
 use crate::law::acceleration_limits;
+use crate::lease::LeaseWatch;
 use crate::mailbox::Mailbox;
 use crate::outlet::Outlet;
 use crate::ownership::SecretCheck;
+use crate::quotas::pixels;
 use crate::replica::epoch;
 use crate::task::Task;
+use crate::tenants::Bucket;
 use crate::worker::Shared;
+
+/// Questions that need no secret, of one task, in a second.
+const PUBLIC_PER_S: usize = 50;
 
 /// What the registrar does, so that neither callbacks nor compute threads have to.
 pub(crate) enum Job {
     Create(Query),
-    Info(Query),
-    /// A query on a task's key that no task of this worker answers.
-    Unclaimed(Query),
-    /// An order that nobody will obey.
-    Refused(Query, ErrorReply),
-    TwistRefused(Arc<Desk>, Query, Status),
     Close(TaskKey),
     /// A task that another worker has lost.
     Adopt(Box<Adoption>),
@@ -63,13 +62,6 @@ impl Registrar {
         while let Ok(job) = jobs.recv() {
             match job {
                 Job::Create(query) => self.answer_create(&query),
-                Job::Info(query) => {
-                    let key = self.shared.keys.worker_info(&self.shared.worker);
-                    reply_json(&query, key, &body::write(&self.shared.info()));
-                }
-                Job::Unclaimed(query) => self.answer_unclaimed(&query),
-                Job::Refused(query, error) => reply_error(&query, &error),
-                Job::TwistRefused(desk, query, status) => desk.refuse_twist(&query, status),
                 Job::Close(task) => self.close(&task),
                 Job::Adopt(adoption) => self.adopt(*adoption),
                 Job::Shutdown => break,
@@ -94,7 +86,7 @@ impl Registrar {
             ErrorReply::new(ErrorCode::BadName, error)
         };
         let (_, client) = shared.keys.parse_create(query.key_expr().as_str()).ok_or_else(bad_name)?;
-        self.check_quota(&client)?;
+        shared.check_tasks(&client)?;
         let size = query.payload().map_or(0, ZBytes::len);
         if size > body::MAX_JSON_BYTES {
             let error = format!("settings may have {} bytes, got {size}", body::MAX_JSON_BYTES);
@@ -103,27 +95,33 @@ impl Registrar {
         let settings = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
         let settings = TaskSettings::from_create_body(&settings).map_err(|error| ErrorReply::from(&error))?;
         self.check_settings(&settings)?;
-        let internal = |error: zenoh::Error| ErrorReply::new(ErrorCode::Internal, error);
         let id = format!("{:08x}", rand::random::<u32>());
         let key = TaskKey { client, id: Name::try_from(id.as_str()).expect("hexadecimal digits are a name") };
         let (epoch, secret) = (epoch::first(&shared.worker), Secret::new(rand::random()));
+        let frame_secret = secret.for_frames();
+        let checks = [&secret, &frame_secret].map(|secret| SecretCheck::of(secret.clone()));
+        let [of_owner, of_frames] = checks;
         let task = Task::new(settings.clone(), decode_limits(shared));
-        let desk = Seed { key, epoch, secret: SecretCheck::of(secret.clone()), task };
-        let desk = self.open(desk).map_err(internal)?;
-        let reply = CreateReply { task: desk.key.clone(), epoch: desk.epoch, secret };
+        let desk = self.open(Seed { key, epoch, secret: of_owner, frame_secret: of_frames, task })?;
+        let frame_secret = Some(frame_secret);
+        let reply = CreateReply { task: desk.key.clone(), epoch: desk.epoch, secret, frame_secret };
         desk.created();
         tracing::info!(task = %desk.key, method = settings.method.word(), "created");
         Ok(reply)
     }
 
-    /// Gives a task its keys, the owner's token last.
-    fn open(&mut self, seed: Seed) -> zenoh::Result<Arc<Desk>> {
-        let frames = seed.task.settings().frames.clone();
-        let desk = Arc::new(new_desk(&self.shared, seed)?);
+    /// Gives a task its keys, the owner's token last, if there is room for it.
+    fn open(&mut self, seed: Seed) -> Result<Arc<Desk>, ErrorReply> {
+        let internal = |error: zenoh::Error| ErrorReply::new(ErrorCode::Internal, error);
+        let settings = seed.task.settings().clone();
+        let desk = Arc::new(new_desk(&self.shared, seed).map_err(internal)?);
         // Known before it can be asked, so nobody hears that there is no such task.
-        lock(&self.shared.desks).insert(desk.key.to_string(), Arc::clone(&desk));
-        let endpoints = Endpoints::declare(&desk, &frames).inspect_err(|_| {
+        self.shared.admit(&desk, &settings)?;
+        let declared =
+            desk.watch_lease(&settings.lease).and_then(|()| Endpoints::declare(&desk, &settings.frames));
+        let endpoints = declared.map_err(|error| {
             lock(&self.shared.desks).remove(&desk.key.to_string());
+            internal(error)
         })?;
         self.endpoints.insert(desk.key.clone(), endpoints);
         Ok(desk)
@@ -136,10 +134,15 @@ impl Registrar {
         if lock(&self.shared.desks).contains_key(&task.to_string()) {
             return;
         }
+        let target_bytes = seed.task.target().map_or(0, |sent| sent.payload.len());
         let desk = match self.open(seed) {
             Ok(desk) => desk,
             Err(error) => return tracing::error!(%task, %error, "cannot take the task over"),
         };
+        let held = desk.tenant.hold_bytes(target_bytes);
+        *lock(&desk.target_bytes) = held
+            .inspect_err(|error| tracing::warn!(%task, error, "the target of a task that was taken over is beyond the quota"))
+            .ok();
         let now = self.shared.now();
         let mut board = lock(&desk.board);
         board.go_on(&progress);
@@ -153,31 +156,7 @@ impl Registrar {
         tracing::info!(%task, epoch, phase = ?progress.phase, took_ms, "took over");
     }
 
-    fn check_quota(&self, client: &Name) -> Result<(), ErrorReply> {
-        let desks = lock(&self.shared.desks);
-        let limits = &self.shared.config.limits;
-        let of_client = desks.values().filter(|desk| desk.key.client == *client).count();
-        let quota = |what: &str, limit: usize| {
-            Err(ErrorReply::new(ErrorCode::Quota, format!("{what} may have {limit} tasks, and has them")))
-        };
-        if desks.len() >= limits.tasks {
-            return quota("this worker", limits.tasks);
-        }
-        if of_client >= limits.tasks_per_client {
-            return quota(&format!("client {client}"), limits.tasks_per_client);
-        }
-        Ok(())
-    }
-
     fn check_settings(&self, settings: &TaskSettings) -> Result<(), ErrorReply> {
-        let limit = self.shared.config.limits.pixels_per_frame as u64;
-        let pixels = u64::from(settings.camera.width) * u64::from(settings.camera.height);
-        if pixels > limit {
-            return Err(ErrorReply::new(
-                ErrorCode::Quota,
-                format!("an image may have {limit} pixels, the camera has {pixels}"),
-            ));
-        }
         if let Frames::Key(key) = &settings.frames {
             self.check_frame_key(key).map_err(|error| ErrorReply::new(ErrorCode::BadSettings, error))?;
         }
@@ -194,18 +173,6 @@ impl Registrar {
         Ok(())
     }
 
-    /// A task's key that no task answers.
-    fn answer_unclaimed(&self, query: &Query) {
-        let key = query.key_expr();
-        match self.shared.keys.parse_task(key.as_str()) {
-            Some((task, _)) => {
-                let error = format!("there is no task {task}; it may have been closed");
-                reply_error(query, &ErrorReply::new(ErrorCode::UnknownTask, error));
-            }
-            None => reply_error(query, &ErrorReply::new(ErrorCode::BadName, format!("{key} is not a key of a task"))),
-        }
-    }
-
     fn close(&mut self, task: &TaskKey) {
         let Some(desk) = lock(&self.shared.desks).remove(&task.to_string()) else { return };
         desk.closing.store(true, Ordering::Release);
@@ -213,6 +180,7 @@ impl Registrar {
         self.shared.states.iter().for_each(|states| states.remove(task));
         lock(&desk.outlet).halt(Some(Status::Stopped), self.shared.now());
         self.endpoints.remove(task);
+        desk.forget();
         tracing::info!(%task, "closed");
     }
 }
@@ -222,6 +190,7 @@ pub(crate) struct Seed {
     pub(crate) key: TaskKey,
     pub(crate) epoch: u32,
     pub(crate) secret: SecretCheck,
+    pub(crate) frame_secret: SecretCheck,
     pub(crate) task: Task,
 }
 
@@ -241,7 +210,7 @@ pub(crate) fn decode_limits(shared: &Shared) -> DecodeLimits {
 }
 
 fn new_desk(shared: &Arc<Shared>, seed: Seed) -> zenoh::Result<Desk> {
-    let Seed { key, epoch, secret, task } = seed;
+    let Seed { key, epoch, secret, frame_secret, task } = seed;
     let settings = task.settings();
     let period = Duration::from_secs_f64(settings.frame_period_s);
     let governor = Governor::new(acceleration_limits(settings), task.watchdog(), period);
@@ -253,13 +222,19 @@ fn new_desk(shared: &Arc<Shared>, seed: Seed) -> zenoh::Result<Desk> {
         outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?)),
         board: Mutex::new(Board::new(key.clone(), task.status(), epoch, born)),
         mailbox: Mailbox::new(shared.config.mailbox_depth, shared.config.limits.bytes_per_payload),
-        lease: settings.lease,
+        frames_need_secret: AtomicBool::new(settings.frame_secret),
+        pixels: AtomicU64::new(pixels(settings)),
         idle_close_s: AtomicU32::new(settings.idle_close_s),
         task: Mutex::new(task),
         secret,
+        frame_secret,
+        tenant: shared.tenants.of(&key.client, born),
+        public: Mutex::new(Bucket::new(PUBLIC_PER_S)),
+        target_bytes: Mutex::new(None),
         shared: Arc::clone(shared),
         halt: Mutex::new(None),
         lease_watch: Mutex::new(LeaseWatch::default()),
+        lease: Mutex::default(),
         closing: AtomicBool::new(false),
         revision: AtomicU64::new(0),
         superseded: AtomicBool::new(false),
@@ -268,6 +243,5 @@ fn new_desk(shared: &Arc<Shared>, seed: Seed) -> zenoh::Result<Desk> {
         scheduled: AtomicBool::new(false),
         key,
         epoch,
-        born,
     })
 }

@@ -125,6 +125,7 @@ pub(crate) mod tests {
             epoch: 65_578,
             revision: 7,
             secret_hash: Secret::new([7; 16]).hash(),
+            frame_secret_hash: Secret::new([7; 16]).for_frames().hash(),
             settings: TaskSettings::new(camera),
             target: target.as_ref().map(|target| TargetReference {
                 hash: target.hash().to_owned(),

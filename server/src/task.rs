@@ -259,8 +259,8 @@ impl Task {
     /// A law that changes starts anew on the same target, with a new I°; gain, limits and the like change on the way.
     pub fn change_settings(&mut self, patch: &Value) -> Result<&TaskSettings, ErrorReply> {
         let settings = self.settings.merge_patch(patch).map_err(|error| ErrorReply::from(&error))?;
-        if settings.frames != self.settings.frames || settings.lease != self.settings.lease {
-            let error = "frames and lease are fixed when a task is created; create another task";
+        if settings.frames != self.settings.frames {
+            let error = "frames are fixed when a task is created; create another task";
             return Err(ErrorReply::new(ErrorCode::NotSupported, error));
         }
         if let Some(target) = self.target.as_ref().filter(|_| needs_new_law(&self.settings, &settings)) {
@@ -328,6 +328,8 @@ fn needs_new_law(now: &TaskSettings, then: &TaskSettings) -> bool {
         max_age_ms: now.max_age_ms,
         idle_close_s: now.idle_close_s,
         autostart: now.autostart,
+        lease: now.lease.clone(),
+        frame_secret: now.frame_secret,
         ..settings.clone()
     };
     of_the_law(now) != of_the_law(then)

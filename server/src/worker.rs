@@ -1,15 +1,15 @@
 //! One worker in one session: its own keys, its start and its end. The registrar creates and closes tasks, the
 //! clock watches them, the pool computes.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
 use domvs_proto::keys::{Keys, Name};
-use domvs_proto::messages::WorkerInfo;
+use domvs_proto::messages::{ErrorCode, ErrorReply, WorkerInfo};
 use domvs_proto::status::Status;
 use tokio::sync::Notify;
 use zenoh::Session;
@@ -18,6 +18,7 @@ use zenoh::pubsub::Subscriber;
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::{Sample, SampleKind};
 
+use crate::clerk::{Asker, Clerks, Note};
 use crate::config::ServerConfig;
 use crate::desk::{Desk, lock};
 use crate::pool::Pool;
@@ -25,12 +26,11 @@ use crate::record::{RecordError, Recorder};
 use crate::registrar::{Job, Registrar};
 use crate::replica::{self, Carried, Inbox, Listening, Standby};
 use crate::state_dir::StateDir;
+use crate::tenants::{Doing, Tenants};
 use crate::{Moment, clock};
 
 /// Jobs that may wait for the registrar; more are dropped, and their clients see an empty answer.
 const JOBS: usize = 256;
-/// Clients whose tokens are remembered.
-const CLIENTS: usize = 10_000;
 /// Frames that may wait for the disk.
 const RECORDED_FRAMES: usize = 64;
 /// What the last zeros get before the session ends: Zenoh sends the end of a token before any data that waits.
@@ -101,7 +101,11 @@ pub(crate) struct Shared {
     pub(crate) recorder: Option<Recorder>,
     /// By `client/id`, as it stands in a key: every query is looked up here.
     pub(crate) desks: Mutex<HashMap<String, Arc<Desk>>>,
-    clients: Mutex<HashSet<Name>>,
+    pub(crate) tenants: Tenants,
+    clerks: Clerks,
+    dropped_notes: AtomicU64,
+    /// How many tokens of clients there are, counted only.
+    clients: AtomicI64,
     jobs: flume::Sender<Job>,
     /// What is heard of other workers and their tasks.
     pub(crate) inbox: Inbox,
@@ -126,7 +130,9 @@ impl Worker {
     ) -> Result<Worker, ServiceError> {
         let (jobs, waiting) = flume::bounded(JOBS);
         let (inbox, news) = Inbox::new(config.replica.bytes);
-        let shared = Arc::new(Shared::new(config, session, jobs, inbox, states)?);
+        let (clerks, trays) = Clerks::new();
+        let shared = Arc::new(Shared::new(config, session, jobs, clerks, inbox, states)?);
+        trays.work_off(&shared)?;
         let registrar = {
             let shared = Arc::clone(&shared);
             spawn("domvs-registrar", move || Registrar::new(shared).run(&waiting))?
@@ -193,6 +199,7 @@ impl Shared {
         config: ServerConfig,
         session: Session,
         jobs: flume::Sender<Job>,
+        clerks: Clerks,
         inbox: Inbox,
         states: Option<Arc<StateDir>>,
     ) -> Result<Shared, ServiceError> {
@@ -209,11 +216,14 @@ impl Shared {
             keys: Keys::new(&config.prefix)?,
             pool: Pool::start(config.compute_threads())?,
             worker,
+            tenants: Tenants::new(&config.limits),
             config,
             session,
             recorder,
             desks: Mutex::default(),
-            clients: Mutex::default(),
+            clerks,
+            dropped_notes: AtomicU64::new(0),
+            clients: AtomicI64::new(0),
             jobs,
             inbox,
             states,
@@ -254,11 +264,7 @@ impl Shared {
 
     /// Whether any client's token is there.
     pub(crate) fn hears_clients(&self) -> bool {
-        !lock(&self.clients).is_empty()
-    }
-
-    pub(crate) fn client_is_alive(&self, client: &Name) -> bool {
-        lock(&self.clients).contains(client)
+        self.clients.load(Ordering::Acquire) > 0
     }
 
     /// Hands a job to the registrar without waiting. A job that finds no room is dropped: its client sees an
@@ -266,9 +272,25 @@ impl Shared {
     pub(crate) fn give(&self, job: Job) -> bool {
         let given = self.jobs.try_send(job).is_ok();
         if !given {
-            tracing::warn!("the registrar is busy; a request was dropped");
+            self.dropped_note("a request to create or close a task");
         }
         given
+    }
+
+    /// Hands a short answer to a clerk without waiting. One that finds no room is dropped and counted: whoever asked sees an
+    /// empty answer.
+    pub(crate) fn note(&self, asker: Asker, note: Note) {
+        if !self.clerks.give(asker, note) {
+            self.dropped_note("a short answer");
+        }
+    }
+
+    /// Counts what found no room; the first of every thousand is logged.
+    pub(crate) fn dropped_note(&self, what: &str) {
+        let before = self.dropped_notes.fetch_add(1, Ordering::Relaxed);
+        if before % 1000 == 0 {
+            tracing::warn!(what, dropped = before + 1, "more is asked than can be answered; dropped");
+        }
     }
 
     pub(crate) fn add_busy(&self, busy: Duration) {
@@ -317,8 +339,10 @@ impl Shared {
     }
 
     pub(crate) fn info(&self) -> WorkerInfo {
+        // The quotas look at the tasks too, one after the other.
+        let tasks = lock(&self.desks).len() as u32;
         WorkerInfo {
-            tasks: lock(&self.desks).len() as u32,
+            tasks,
             capacity: self.config.limits.tasks as u32,
             standby: self.inbox.records() as u32,
             state_error: self.states.as_ref().and_then(|states| states.error()),
@@ -326,6 +350,8 @@ impl Shared {
             threads: self.config.compute_threads() as u32,
             max_pixels: self.config.limits.pixels_per_frame as u64,
             max_payload_bytes: self.config.limits.bytes_per_payload as u64,
+            quotas: self.quotas(),
+            unanswered: self.dropped_notes.load(Ordering::Relaxed),
             uptime_s: self.now().as_secs_f64(),
             ..WorkerInfo::new(self.worker.clone())
         }
@@ -335,15 +361,13 @@ impl Shared {
 /// The worker's own keys.
 async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec<Subscriber<()>>)> {
     let (session, keys, worker) = (&shared.session, &shared.keys, &shared.worker);
-    let give = |job: fn(Query) -> Job| {
+    let create = {
         let shared = Arc::clone(shared);
-        move |query: Query| {
-            shared.give(job(query));
-        }
+        move |query: Query| enqueue_create(&shared, query)
     };
-    let clients = {
+    let info = {
         let shared = Arc::clone(shared);
-        move |sample: Sample| note_client(&shared, &sample)
+        move |query: Query| shared.note(Asker::Stranger, Note::Info(query))
     };
     let stop = {
         let shared = Arc::clone(shared);
@@ -354,8 +378,15 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
         move |query: Query| {
             // A session hands a query to all of its queryables that match, the tasks' own among them.
             if shared.is_unclaimed(query.key_expr()) {
-                shared.give(Job::Unclaimed(query));
+                shared.note(Asker::Stranger, Note::Unclaimed(query));
             }
+        }
+    };
+    let clients = {
+        let shared = Arc::clone(shared);
+        move |sample: Sample| {
+            let more = if sample.kind() == SampleKind::Put { 1 } else { -1 };
+            shared.clients.fetch_add(more, Ordering::AcqRel);
         }
     };
     let subscribers = vec![
@@ -363,24 +394,27 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
         session.declare_subscriber(keys.stop()).callback(stop).await?,
     ];
     let queryables = vec![
-        session.declare_queryable(keys.creates(worker)).complete(true).callback(give(Job::Create)).await?,
+        session.declare_queryable(keys.creates(worker)).complete(true).callback(create).await?,
         // Not complete: a task's own keys are, and they win at the router. What nobody owns lands here.
         session.declare_queryable(keys.tasks()).complete(false).callback(unclaimed).await?,
-        session.declare_queryable(keys.worker_info(worker)).complete(true).callback(give(Job::Info)).await?,
+        session.declare_queryable(keys.worker_info(worker)).complete(true).callback(info).await?,
     ];
     Ok((queryables, subscribers))
 }
 
-fn note_client(shared: &Shared, sample: &Sample) {
-    let Some(client) = shared.keys.parse_client_alive(sample.key_expr().as_str()) else { return };
-    let mut clients = lock(&shared.clients);
-    match sample.kind() {
-        SampleKind::Put if clients.len() < CLIENTS => {
-            clients.insert(client);
+/// A client that creates too fast is told so, and takes no other's place at the registrar. A name that is none has no account: the
+/// registrar says so.
+fn enqueue_create(shared: &Shared, query: Query) {
+    let client = shared.keys.parse_create(query.key_expr().as_str()).map(|(_, client)| client);
+    let now = shared.now();
+    let may = client.map_or(Ok(()), |client| shared.tenants.of(&client, now).may(Doing::Creation, now));
+    match may {
+        Ok(()) => {
+            shared.give(Job::Create(query));
         }
-        SampleKind::Put => tracing::warn!(%client, "too many clients; this one's lease is not watched"),
-        SampleKind::Delete => {
-            clients.remove(&client);
+        Err(error) => {
+            let error = ErrorReply::new(ErrorCode::Quota, error);
+            shared.note(Asker::Stranger, Note::Refused(query, error));
         }
     }
 }

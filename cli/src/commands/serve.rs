@@ -136,13 +136,14 @@ fn server_config(args: &ServeArgs) -> anyhow::Result<ServerConfig> {
 }
 
 fn session_config(args: &ServeArgs) -> anyhow::Result<zenoh::Config> {
-    if args.zenoh_config.is_some() || !args.endpoints.is_empty() {
-        return Ok(zenoh_config(args.zenoh_config.as_deref(), &args.endpoints)?);
-    }
-    match args.listen.is_empty() {
-        true => router_config(&[DEFAULT_ENDPOINT.to_owned()]),
-        false => router_config(&args.listen),
-    }
+    let config = if args.zenoh_config.is_some() || !args.endpoints.is_empty() {
+        zenoh_config(args.zenoh_config.as_deref(), &args.endpoints)?
+    } else if args.listen.is_empty() {
+        router_config(&[DEFAULT_ENDPOINT.to_owned()])?
+    } else {
+        router_config(&args.listen)?
+    };
+    domvs_server::session::prepared(config).map_err(anyhow::Error::from_boxed)
 }
 
 fn place(args: &ServeArgs) -> String {

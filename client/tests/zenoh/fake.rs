@@ -133,7 +133,7 @@ pub fn task_key(worker: &str) -> TaskKey {
 
 /// What its `create` answers.
 pub fn created(worker: &str) -> CreateReply {
-    CreateReply { task: task_key(worker), epoch: EPOCH, secret: Secret::new(SECRET) }
+    CreateReply { task: task_key(worker), epoch: EPOCH, secret: Secret::new(SECRET), frame_secret: None }
 }
 
 /// Settings for an 8 × 8 camera, order 4.

@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use domvs_client::{Commands, Status, Task, TwistMessage};
 use domvs_proto::body;
-use domvs_proto::frame::FrameHeader;
+use domvs_proto::frame::{FrameHeader, Secret};
 use domvs_proto::messages::StatusMessage;
 use zenoh::pubsub::Publisher;
 
-use crate::fake::{EPOCH, Fake, LIMIT, frame, moving, task_key, until};
+use crate::fake::{EPOCH, Fake, LIMIT, SECRET, frame, moving, task_key, until};
 
 /// A publisher that the follower is known to hear.
 async fn heard(fake: &Fake, key: String) -> Publisher<'static> {
@@ -82,7 +82,7 @@ async fn statuses_come_in_order_without_those_of_older_epochs() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_pushed_frame_carries_its_number_but_not_the_secret() {
+async fn a_pushed_frame_carries_its_number_and_the_secret_that_lets_nobody_do_more() {
     let fake = Fake::start().await;
     let (sent, arrived) = flume::bounded(16);
     let camera = fake.session.declare_subscriber(fake.keys.frame(&task_key("w")));
@@ -97,6 +97,6 @@ async fn a_pushed_frame_carries_its_number_but_not_the_secret() {
     }
     let sample = got.expect("the loop waits for it").expect("the subscriber lives");
     let header = FrameHeader::decode(&sample.attachment().expect("a header").to_bytes()).expect("a header");
-    assert_eq!(&header, pushed.header());
+    assert_eq!(header, FrameHeader { secret: Some(Secret::new(SECRET).for_frames()), ..pushed.header().clone() });
     assert_eq!(sample.payload().to_bytes(), pushed.payload().to_bytes());
 }

@@ -29,6 +29,13 @@ impl Secret {
         Secret(bytes)
     }
 
+    /// The secret that goes with pushed frames, of a task with this one: the first 16 bytes of the SHA3-256 of
+    /// `domvs frame` and these bytes. Who overhears it, or keeps a camera, can push frames and control nothing.
+    pub fn for_frames(&self) -> Secret {
+        let digest = Sha3_256::new_with_prefix(b"domvs frame").chain_update(self.0).finalize();
+        Secret(std::array::from_fn(|byte| digest[byte]))
+    }
+
     /// The bytes, as they follow a frame header or fill an attachment.
     pub fn as_bytes(&self) -> &[u8; Secret::BYTES] {
         &self.0

@@ -39,6 +39,8 @@ pub struct TaskState {
     pub revision: u64,
     /// What tells the task's secret from any other.
     pub secret_hash: SecretHash,
+    /// The same of the secret that pushed frames may carry.
+    pub frame_secret_hash: SecretHash,
     /// The settings in force.
     pub settings: TaskSettings,
     /// The target; null = none set.

@@ -185,6 +185,11 @@ pub const FIELDS: &[Field] = &[
         Words("`\"requests\"`, `\"pushed\"`, `{\"key\": \"…\"}`"),
         "how frames come: requests on `twist`, pushed on the task's `frame`, pushed on a camera's key; fixed on create",
     ),
+    field(
+        "frame_secret",
+        Words("true, false"),
+        "pushed frames must carry the task's `frame_secret` (or its secret); those that do not are dropped and counted",
+    ),
     field("ros2", Words("null"), "not supported by this version"),
     field(
         "watchdog_ms",
@@ -192,7 +197,11 @@ pub const FIELDS: &[Field] = &[
         "no frame for so long: zeros; null: 3 frame periods, at least 100; refused under 2 periods",
     ),
     field("max_age_ms", Between(1.0, 60_000.0), "an older frame is stale"),
-    field("lease", Words("`client`, `none`"), "whether the task halts when the client's token goes; fixed on create"),
+    field(
+        "lease",
+        Words("`\"client\"`, `{\"process\": \"…\"}`, `\"none\"`"),
+        "whose token's going halts the task: any process of the client, this one, nobody's",
+    ),
     field(
         "idle_close_s",
         Between(1.0, 604_800.0),

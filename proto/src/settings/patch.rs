@@ -10,7 +10,7 @@ use super::{Camera, Light, SettingsError, TaskSettings};
 use crate::body;
 
 /// Settings that are one of several forms: replaced, never merged.
-const CHOICES: [&str; 6] = ["window", "order", "gain", "depth", "frames", "ros2"];
+const CHOICES: [&str; 7] = ["window", "order", "gain", "depth", "frames", "lease", "ros2"];
 
 /// Settings that can be switched off as a whole.
 const SWITCHES: [&str; 2] = ["limits", "step_cap"];

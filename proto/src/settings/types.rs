@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::forms;
 use super::mask::Mask;
 use super::methods::Method;
+use crate::keys::Name;
 
 /// The window of Hahn moments; other methods ignore it. For each axis, `[x, y]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -299,12 +300,14 @@ pub enum Frames {
 pub enum Ros2 {}
 
 /// Whose going ends the task.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Lease {
-    /// The client's liveliness token.
+    /// The client's liveliness token: of any process of that name.
     #[default]
     Client,
+    /// The liveliness token of this one process of the client. JSON: `{"process": "p1"}`.
+    Process(Name),
     /// Nobody's: only `idle_close_s`.
     None,
 }
@@ -355,6 +358,8 @@ pub struct TaskSettings {
     pub stop: Stop,
     /// How frames come in.
     pub frames: Frames,
+    /// Whether pushed frames must carry the task's frame secret, or its secret.
+    pub frame_secret: bool,
     /// Not supported by this version: null.
     pub ros2: Option<Ros2>,
     /// Zeros on `command` when no frame came for so long, ms; none = by `frame_period_s`, see [`TaskSettings::watchdog_ms`].
@@ -392,6 +397,7 @@ impl TaskSettings {
             degrees_of_freedom: [true; 6],
             stop: Stop::default(),
             frames: Frames::default(),
+            frame_secret: false,
             ros2: None,
             watchdog_ms: None,
             max_age_ms: 200,

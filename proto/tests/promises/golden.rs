@@ -11,7 +11,7 @@ use domvs_proto::body;
 use domvs_proto::frame::{DepthFormat, FrameHeader, PixelFormat, Secret};
 use domvs_proto::keys::{Name, TaskKey};
 use domvs_proto::messages::{
-    CameraInfo, Control, ControlReply, CreateReply, ErrorCode, ErrorReply, FramesDropped, Phase, Progress,
+    CameraInfo, Control, ControlReply, CreateReply, ErrorCode, ErrorReply, FramesDropped, Phase, Progress, Quotas,
     StateMessage, StatusMessage, TargetReference, TaskClosed, TaskProgress, TaskState, WorkerInfo,
 };
 use domvs_proto::settings::{
@@ -99,6 +99,7 @@ fn settings() -> TaskSettings {
         degrees_of_freedom: [true, true, true, false, false, true],
         stop: Stop { step_m: 0.001, step_rad: 0.002, pixel_mse: Some(0.0004), hold_frames: 3, max_iterations: 500 },
         frames: Frames::Key("domvs/camera/front/frame".to_owned()),
+        frame_secret: true,
         ros2: None,
         watchdog_ms: Some(300),
         max_age_ms: 150,
@@ -206,7 +207,9 @@ fn create_needs_nothing_but_a_camera() {
 
 #[test]
 fn create_reply_is_as_printed() {
-    same_as_file("create_reply.json", &CreateReply { task: task(), epoch: 65_578, secret: secret() });
+    let frame_secret = Some(secret().for_frames());
+    let created = CreateReply { task: task(), epoch: 65_578, secret: secret(), frame_secret };
+    same_as_file("create_reply.json", &created);
 }
 
 #[test]
@@ -246,6 +249,20 @@ fn worker_info_is_as_printed() {
         threads: 2,
         max_pixels: 16_777_216,
         max_payload_bytes: 134_217_728,
+        quotas: Quotas {
+            tasks_per_client: 16,
+            pixels_per_client: 33_554_432,
+            pixels: 134_217_728,
+            bytes_per_client: 268_435_456,
+            bytes: 1_073_741_824,
+            waiting_per_client: 128,
+            waiting: 1024,
+            frames_per_s_per_client: 2000,
+            requests_per_s_per_client: 500,
+            pixels_used: 614_400,
+            bytes_used: 921_600,
+        },
+        unanswered: 3,
         uptime_s: 3600.5,
         ..WorkerInfo::new(name("w1"))
     };
@@ -268,6 +285,7 @@ fn task_state_is_as_printed() {
         epoch: 65_578,
         revision: 7,
         secret_hash: secret().hash(),
+        frame_secret_hash: secret().for_frames().hash(),
         settings: settings(),
         target: Some(target),
         progress: progress(Status::Servoing, Phase::Running),

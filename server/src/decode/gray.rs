@@ -7,6 +7,7 @@ use domvs_vision::Plane;
 use fearless_simd::{Level, dispatch};
 use image::ColorType;
 
+use super::TAKEN;
 use crate::payload::Reader;
 use crate::screen::GraySums;
 
@@ -23,6 +24,8 @@ pub(super) struct Found {
     pub sums: GraySums,
     /// Pixels that were not finite, and are 0 now.
     pub replaced: usize,
+    /// Finite pixels that are not taken.
+    pub outside: usize,
 }
 
 /// Raw pixels, little-endian; of YUYV and NV12 only Y is read.
@@ -82,7 +85,7 @@ fn fill<'a, const N: usize, I: Iterator<Item = &'a [u8]>>(
     found
 }
 
-/// The same for floats: what is not finite becomes 0 (black, as outside the image) and is counted.
+/// The same for floats: what is not finite becomes 0 (black, as outside the image) and is counted, what is out of range is counted.
 fn fill_finite<'a, const N: usize, I: Iterator<Item = &'a [u8]>>(
     image: &mut Plane<f32>,
     mut rows: Rows<'a, I>,
@@ -92,12 +95,13 @@ fn fill_finite<'a, const N: usize, I: Iterator<Item = &'a [u8]>>(
     let width = image.width();
     for to in image.samples_mut().chunks_exact_mut(width) {
         let from = rows.next();
-        let finite = dispatch!(level, _ => {
+        let taken = dispatch!(level, _ => {
             convert(to, from, &sample);
-            to.iter().filter(|gray| gray.is_finite()).count()
+            to.iter().filter(|gray| TAKEN.contains(gray)).count()
         });
-        if finite < width {
-            found.replaced += width - finite;
+        if taken < width {
+            let finite = to.iter().filter(|gray| gray.is_finite()).count();
+            (found.replaced, found.outside) = (found.replaced + width - finite, found.outside + finite - taken);
             to.iter_mut().filter(|gray| !gray.is_finite()).for_each(|gray| *gray = 0.0);
         }
         dispatch!(level, _ => found.sums.add_row(to));

@@ -102,10 +102,19 @@ fn black_is_exactly_0_and_white_exactly_1() {
 
 #[test]
 fn float_pixels_are_taken_as_they_are() {
-    let samples = [0.1_f32, -3.5, 7e9, f32::MIN_POSITIVE / 2.0];
+    let samples = [0.1_f32, -1.0, 2.0, f32::MIN_POSITIVE / 2.0];
     let payload: Vec<u8> = samples.iter().flat_map(|sample| sample.to_le_bytes()).collect();
     let image = decode_raw(&FrameHeader::new(PixelFormat::Mono32F, 2, 2), &payload).unwrap();
     assert_eq!(image.samples(), samples);
+}
+
+#[test]
+fn float_pixels_that_are_no_gray_are_refused_with_their_count() {
+    let payload: Vec<u8> = [0.5_f32, 255.0, -1.001, f32::NAN].iter().flat_map(|sample| sample.to_le_bytes()).collect();
+    let refused = decode_raw(&FrameHeader::new(PixelFormat::Mono32F, 2, 2), &payload);
+    assert_eq!(refused, Err(DecodeError::OutOfRange { pixels: 4, outside: 2 }));
+    let sentence = refused.expect_err("refused").to_string();
+    assert!(sentence.contains("-1 to 2") && sentence.contains("2 of 4"), "{sentence}");
 }
 
 #[test]

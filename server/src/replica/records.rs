@@ -207,6 +207,7 @@ mod tests {
             epoch,
             revision: 1,
             secret_hash: Secret::new([7; 16]).hash(),
+            frame_secret_hash: Secret::new([7; 16]).for_frames().hash(),
             settings: TaskSettings::new(camera),
             target: target.map(|payload| TargetReference {
                 hash: SentTarget::new(header(), String::new(), payload.to_vec()).hash().to_owned(),

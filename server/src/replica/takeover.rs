@@ -54,20 +54,15 @@ impl Standby {
         };
         made.go_on(&record.state.progress);
         let secret = SecretCheck::by_hash(record.state.secret_hash);
-        let seed = Seed { key: task.clone(), epoch, secret, task: *made };
+        let frame_secret = SecretCheck::by_hash(record.state.frame_secret_hash);
+        let seed = Seed { key: task.clone(), epoch, secret, frame_secret, task: *made };
         shared.give(Job::Adopt(Box::new(Adoption { seed, progress: record.state.progress, lost })));
     }
 
     /// Whether this worker's limits allow the task. If not, the next one takes it.
     fn has_room_for(&self, task: &TaskKey) -> bool {
         let Some(record) = self.records.get(task) else { return false };
-        let limits = &self.shared.config.limits;
-        let desks = lock(&self.shared.desks);
-        let of_client = desks.values().filter(|desk| desk.key.client == task.client).count();
-        let camera = &record.state.settings.camera;
-        desks.len() < limits.tasks
-            && of_client < limits.tasks_per_client
-            && u64::from(camera.width) * u64::from(camera.height) <= limits.pixels_per_frame as u64
+        self.shared.has_room_for(task, &record.state.settings)
     }
 
     /// Somebody else's token is still there, so the own link is too.

@@ -19,3 +19,4 @@ mod replicas;
 mod requests;
 mod settings;
 mod support;
+mod tenancy;

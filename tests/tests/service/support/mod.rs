@@ -1,6 +1,7 @@
 //! What every test stands on: a router of its own, a worker in a session of its own, pictures of a true scene, and
 //! waits that are on a condition and have a limit.
 
+mod deaf;
 mod following;
 mod pictures;
 mod questions;
@@ -17,6 +18,7 @@ pub use domvs_proto::twist::TwistMessage;
 use domvs_server::{ServerConfig, Service};
 use zenoh::{Config, Session};
 
+pub use deaf::DeafLink;
 pub use following::{Following, next_status, push};
 pub use pictures::{Scene, exact, gray8, jpeg, png};
 pub use questions::{Answer, Question, code};
@@ -47,7 +49,8 @@ impl Stage {
     /// A worker with this configuration, but for its name.
     pub async fn with(config: ServerConfig) -> Stage {
         let (router, endpoint) = router().await;
-        let session = zenoh::open(client_config(&endpoint)).await.expect("the router is there");
+        let joined = domvs_server::session::prepared(client_config(&endpoint)).expect("a fine configuration");
+        let session = zenoh::open(joined).await.expect("the router is there");
         let config = ServerConfig { worker: WORKER.into(), ..config }.checked().expect("a fine configuration");
         let service = Service::start(config, session.clone()).await.expect("the worker starts");
         Stage { service, session, keys: Keys::default(), router, endpoint }
@@ -58,6 +61,13 @@ impl Stage {
         client_config(&self.endpoint)
     }
 
+    /// A way to the router that can turn deaf, and a client on it.
+    pub async fn deaf_client(&self, name: &str) -> (DeafLink, Client) {
+        let link = DeafLink::to(&self.endpoint);
+        let options = ClientOptions { zenoh: client_config(&link.endpoint), ..self.options(name) };
+        (link, Client::connect(options).await.expect("the router is there"))
+    }
+
     /// A session of somebody who is not a client of this project.
     pub async fn stranger(&self) -> Session {
         zenoh::open(self.config()).await.expect("the router is there")
@@ -65,15 +75,18 @@ impl Stage {
 
     /// A client in a session of its own, with the patience of the tests.
     pub async fn client(&self, name: &str) -> Client {
-        let options = ClientOptions {
+        Client::connect(self.options(name)).await.expect("the router is there")
+    }
+
+    fn options(&self, name: &str) -> ClientOptions {
+        ClientOptions {
             zenoh: self.config(),
             connect_limit: LIMIT,
             discovery_limit: LIMIT,
             request_timeout: LIMIT,
             twist_timeout: LIMIT,
             ..ClientOptions::named(name).expect("a fine name")
-        };
-        Client::connect(options).await.expect("the router is there")
+        }
     }
 
     /// The worker ends in order, then the router.

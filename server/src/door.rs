@@ -1,0 +1,210 @@
+//! What a task lets in: the callbacks of its keys. They run one after another on the session's receive path, so each only looks
+//! at the secret and the client's account, puts what came into the mailbox, and wakes the pool.
+//!
+//! Who does not show the secret costs the owner nothing: neither room in a queue nor a message of its rate.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use domvs_proto::frame::{FLAG_SECRET, FrameError, HEADER_BYTES, Secret};
+use domvs_proto::messages::{ErrorCode, ErrorReply};
+use domvs_proto::status::Status;
+use zenoh::bytes::ZBytes;
+use zenoh::query::Query;
+use zenoh::sample::Sample;
+
+use crate::Moment;
+use crate::clerk::{Asker, Note};
+use crate::desk::{Desk, Order, PushedFrame, TwistRequest, Waiting, lock};
+use crate::orders::attached_secret;
+use crate::payload::header_of;
+use crate::tenants::Doing;
+
+/// A control word is a few bytes; whatever is longer is no stop.
+const LONGEST_STOP: usize = 256;
+
+/// A stop must find room: only the owner's words are let in, they have a queue of their own, and no rate holds a stop back.
+pub(crate) fn control(desk: &Arc<Desk>, query: Query) {
+    if let Err(error) = desk.check_owner(attached_secret(&query).as_ref()) {
+        return refuse(desk, Asker::Stranger, query, error);
+    }
+    match desk.tenant.may(Doing::Control, desk.shared.now()) {
+        Err(error) if !is_stop(&query) => refuse(desk, Asker::Owner, query, ErrorReply::new(ErrorCode::Quota, error)),
+        _ => enqueue(desk, Order::Control(query), 0, |desk, order| desk.mailbox.push_urgent(order)),
+    }
+}
+
+pub(crate) fn settings(desk: &Arc<Desk>, query: Query) {
+    match desk.check_owner(attached_secret(&query).as_ref()) {
+        Ok(()) => order(desk, Order::Settings(query)),
+        Err(error) => refuse(desk, Asker::Stranger, query, error),
+    }
+}
+
+pub(crate) fn target(desk: &Arc<Desk>, query: Query) {
+    let received = desk.shared.now();
+    match check_target(desk, &query) {
+        Ok(()) => order(desk, Order::Target(query, received)),
+        Err((asker, error)) => refuse(desk, asker, query, error),
+    }
+}
+
+/// Anybody may ask, so it is not the client's account that this is charged to.
+pub(crate) fn state(desk: &Arc<Desk>, query: Query) {
+    let may = lock(&desk.public).take(desk.shared.now());
+    if !may {
+        let error = "the state of this task is asked for too often; ask again";
+        return refuse(desk, Asker::Stranger, query, ErrorReply::new(ErrorCode::Quota, error));
+    }
+    enqueue(desk, Order::State(query), 0, |desk, order| desk.mailbox.push_question(order));
+}
+
+pub(crate) fn request_twist(desk: &Arc<Desk>, query: Query) {
+    let (shared, received) = (&desk.shared, desk.shared.now());
+    match secret_of_frame(query.attachment()) {
+        // Nothing in it can be trusted, not even whose it is: it changes nothing of the task.
+        Unreadable => return refuse_twist(desk, Asker::Stranger, query, Status::BadFrame),
+        Shown(secret) => {
+            if let Err(error) = desk.check_owner(secret.as_ref()) {
+                return refuse(desk, Asker::Stranger, query, error);
+            }
+        }
+    }
+    lock(&desk.board).frame_arrived(received);
+    let size = query.payload().map_or(0, ZBytes::len);
+    if size > shared.config.limits.bytes_per_payload {
+        return refuse_twist(desk, Asker::Owner, query, Status::BadFrame);
+    }
+    let held = desk.tenant.may(Doing::Frame, received).and_then(|()| desk.tenant.hold_message(size));
+    let Ok(held) = held else {
+        return refuse_twist(desk, Asker::Owner, query, Status::Overloaded);
+    };
+    match desk.mailbox.push_request(Waiting { message: TwistRequest { query, received }, held }, size) {
+        Ok(()) => shared.pool.schedule(desk),
+        Err(full) => refuse_twist(desk, Asker::Owner, full.message.query, Status::Overloaded),
+    }
+}
+
+pub(crate) fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
+    let received = desk.shared.now();
+    if desk.frames_need_secret.load(Ordering::Acquire) && !shows_secret(desk, sample) {
+        lock(&desk.board).dropped().not_owner += 1;
+        return;
+    }
+    let size = sample.payload().len();
+    let held = desk.tenant.may(Doing::Frame, received).and_then(|()| desk.tenant.hold_message(size));
+    let Ok(held) = held else {
+        let mut board = lock(&desk.board);
+        board.frame_arrived(received);
+        board.dropped().overloaded += 1;
+        return;
+    };
+    let frame = PushedFrame {
+        attachment: sample.attachment().cloned(),
+        encoding: sample.encoding().clone(),
+        payload: sample.payload().clone(),
+        received,
+    };
+    let passed_over = desk.mailbox.put_frame(Waiting { message: frame, held }).is_some();
+    let mut board = lock(&desk.board);
+    board.frame_arrived(received);
+    board.dropped().superseded += u64::from(passed_over);
+    drop(board);
+    desk.shared.pool.schedule(desk);
+}
+
+/// What an attachment says of its sender.
+enum OfFrame {
+    /// It is a header; the secret in it, if there is one.
+    Shown(Option<Secret>),
+    /// It is none.
+    Unreadable,
+}
+use OfFrame::{Shown, Unreadable};
+
+/// The secret in a frame's attachment, also of a header that is wrong in some other way: its owner is told so.
+fn secret_of_frame(attachment: Option<&ZBytes>) -> OfFrame {
+    match header_of(attachment) {
+        Ok(header) => Shown(header.secret),
+        Err(_) => {
+            let bytes = attachment.map(ZBytes::to_bytes).unwrap_or_default();
+            let flagged = bytes.get(3).is_some_and(|flags| flags & FLAG_SECRET != 0);
+            let secret = bytes.get(HEADER_BYTES..).and_then(|bytes| Secret::try_from(bytes).ok());
+            secret.filter(|_| flagged).map_or(Unreadable, |secret| Shown(Some(secret)))
+        }
+    }
+}
+
+fn shows_secret(desk: &Desk, sample: &Sample) -> bool {
+    match header_of(sample.attachment()).map(|header| header.secret) {
+        Ok(Some(secret)) => desk.takes_frames_of(&secret),
+        Ok(None) | Err(_) => false,
+    }
+}
+
+/// Whether a target may be looked at; if not, why, and who is told so.
+fn check_target(desk: &Desk, query: &Query) -> Result<(), (Asker, ErrorReply)> {
+    let stranger = |error| (Asker::Stranger, error);
+    if query.payload().is_none_or(ZBytes::is_empty) {
+        return desk.check_owner(attached_secret(query).as_ref()).map_err(stranger);
+    }
+    let header = header_of(query.attachment()).map_err(|error| {
+        let wrong_version = matches!(error, FrameError::WrongVersion { .. });
+        stranger(ErrorReply::new(if wrong_version { ErrorCode::WrongVersion } else { ErrorCode::BadTarget }, error))
+    })?;
+    desk.check_owner(header.secret.as_ref()).map_err(stranger)?;
+    desk.check_bytes(query.payload()).map_err(|error| (Asker::Owner, ErrorReply::new(ErrorCode::TooLarge, error)))
+}
+
+/// An order of the owner's, within the rate of its client.
+fn order(desk: &Arc<Desk>, order: Order) {
+    let received: Moment = desk.shared.now();
+    if let Err(error) = desk.tenant.may(Doing::Order, received) {
+        return refuse(desk, Asker::Owner, order.into_query(), ErrorReply::new(ErrorCode::Quota, error));
+    }
+    let size = order.query().payload().map_or(0, ZBytes::len);
+    enqueue(desk, order, size, |desk, order| desk.mailbox.push_order(order));
+}
+
+fn enqueue(
+    desk: &Arc<Desk>,
+    order: Order,
+    bytes: usize,
+    push: impl FnOnce(&Desk, Waiting<Order>) -> Result<(), Waiting<Order>>,
+) {
+    // What is small and has a queue of its own takes nothing of the account, so that a full account holds back no stop.
+    let held = match order {
+        Order::Control(_) | Order::State(_) => desk.tenant.hold_bytes(0),
+        Order::Settings(_) | Order::Target(..) => desk.tenant.hold_message(bytes),
+    };
+    let held = match held {
+        Ok(held) => held,
+        Err(error) => {
+            return refuse(desk, Asker::Owner, order.into_query(), ErrorReply::new(ErrorCode::Quota, error));
+        }
+    };
+    match push(desk, Waiting { message: order, held }) {
+        Ok(()) => desk.shared.pool.schedule(desk),
+        Err(full) => {
+            let depth = desk.shared.config.mailbox_depth;
+            let error = format!("{depth} requests of this kind may wait for a task, and do; ask again");
+            refuse(desk, Asker::Owner, full.message.into_query(), ErrorReply::new(ErrorCode::Quota, error));
+        }
+    }
+}
+
+/// Whether this is a stop, as far as a look tells; whatever it is, it is read in its turn.
+fn is_stop(query: &Query) -> bool {
+    query
+        .payload()
+        .filter(|payload| payload.len() <= LONGEST_STOP)
+        .is_some_and(|payload| payload.to_bytes().windows(4).any(|word| word == b"stop"))
+}
+
+fn refuse(desk: &Desk, asker: Asker, query: Query, error: ErrorReply) {
+    desk.shared.note(asker, Note::Refused(query, error));
+}
+
+fn refuse_twist(desk: &Arc<Desk>, asker: Asker, query: Query, status: Status) {
+    desk.shared.note(asker, Note::TwistRefused(Arc::clone(desk), query, status));
+}
