@@ -106,8 +106,9 @@ fn frame_subscriber(session: &Session, key: String, desk: &Arc<Desk>) -> zenoh::
 
 /// A stop must find room: only the owner's words are let in, and they have a queue of their own.
 fn control(desk: &Arc<Desk>, query: Query) {
+    let received = desk.shared.now();
     match desk.check_owner(attached_secret(&query).as_ref()) {
-        Ok(()) => enqueued(desk, desk.mailbox.push_urgent(Order::Control(query))),
+        Ok(()) => enqueued(desk, desk.mailbox.push_urgent(Order::Control(query, received))),
         Err(error) => {
             desk.shared.give(Job::Refused(query, error));
         }

@@ -59,9 +59,9 @@ pub mod record;
 
 pub use age::SETTLING;
 pub use config::{ConfigError, ServerConfig};
-pub use governor::{AccelerationLimits, Governed, Governor, limit_speed};
+pub use governor::{AccelerationLimits, Governed, Governor, SpeedLimits, limit_speed};
 pub use life::DIVERGING_FRAMES;
-pub use outlet::ZERO_PERIOD;
+pub use outlet::{Outlet, Publish, Received, ZERO_PERIOD};
 pub use worker::{Service, ServiceError};
 
 /// A time by the worker's monotonic clock: since the worker started. Always an argument, never read in the

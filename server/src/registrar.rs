@@ -17,6 +17,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::query::Query;
 
+use crate::Moment;
 use crate::answers::{reply_error, reply_json};
 use crate::board::Board;
 use crate::decode::DecodeLimits;
@@ -189,13 +190,14 @@ fn new_desk(shared: &Arc<Shared>, client: Name, settings: &TaskSettings) -> zeno
     Ok(Desk {
         twist_key: KeyExpr::try_from(shared.keys.twist(&key))?,
         publications: Publications::declare(&shared.session, &shared.keys, &key)?,
-        outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?)),
+        outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?, born)),
         board: Mutex::new(Board::new(key.clone(), epoch, born)),
         mailbox: Mailbox::new(shared.config.mailbox_depth, shared.config.limits.bytes_per_payload),
         task: Mutex::new(task),
         secret: Secret::new(rand::random()),
         shared: Arc::clone(shared),
         halt: Mutex::new(None),
+        halt_asked: Mutex::new(Moment::ZERO),
         lease_watch: Mutex::new(LeaseWatch::default()),
         lease: settings.lease,
         idle_close_s: AtomicU32::new(settings.idle_close_s),
