@@ -224,6 +224,18 @@ impl FrameHeader {
         })
     }
 
+    /// `(sequence, capture_time_ns)` of a header that need not be one, for the answer that refuses it: both 0 unless the version is ours and
+    /// both are there.
+    pub fn echo(bytes: &[u8]) -> (u64, u64) {
+        match (bytes.first(), bytes.get(24..40)) {
+            (Some(&WIRE_VERSION), Some(both)) => {
+                let long = |at: usize| both[at..at + 8].iter().rev().fold(0, |word, byte| word << 8 | u64::from(*byte));
+                (long(0), long(8))
+            }
+            _ => (0, 0),
+        }
+    }
+
     /// The header of a frame from its attachment: none at all and 16 bytes (a bare secret) both stand for a
     /// PNG or JPEG payload; anything else is decoded. Fails as [`FrameHeader::decode`] does.
     pub fn from_attachment(attachment: Option<&[u8]>) -> Result<FrameHeader, FrameError> {

@@ -129,10 +129,11 @@ impl TwistMessage {
         self.status == Status::Servoing
     }
 
-    /// The message as bytes. What `decode` would refuse is sent as zeros with `internal`: a wrong twist never leaves.
+    /// The message as bytes. What `decode` would refuse is sent as zeros with `internal`: a wrong twist never leaves. Zeros have no sign.
     pub fn encode(&self) -> [u8; TWIST_BYTES] {
         let sent = match self.check() {
-            Ok(()) => *self,
+            Ok(()) if self.is_servoing() => *self,
+            Ok(()) => TwistMessage { twist: [0.0; 6], ..*self },
             Err(_) => TwistMessage { status: Status::Internal, twist: [0.0; 6], ..*self },
         };
         let mut out = Writer { bytes: [0; TWIST_BYTES], at: 0 };

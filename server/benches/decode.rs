@@ -73,7 +73,7 @@ fn decode(criterion: &mut Criterion) {
                 if let Some(depth) = decoded.depth {
                     map.set_rows(far, depth.rows()).unwrap();
                 }
-                black_box(decoded.contrast)
+                black_box(decoded.sums.contrast())
             });
         });
     }

@@ -2,7 +2,7 @@
 //!
 //! The difference `receive time − capture time` of a source is its clock offset plus the way's delay. The
 //! smallest difference of the last ten seconds stands for "no delay", so a frame's age is its own difference
-//! minus that one. A jump of a sender's clock and a backlog that bursts out of a healed link look alike at
+//! minus that one. Seconds in which no frame comes do not count: silence proves nothing, and what ends it may be old. A jump of a sender's clock and a backlog that bursts out of a healed link look alike at
 //! first: both shift the difference by seconds. They part soon: a jumped clock keeps its new difference, a
 //! backlog's shrinks back. So after a jump towards "older" nothing counts as fresh until the new difference
 //! has held for [`SETTLING`]; a jump towards "younger" cannot hide an old frame and costs one frame.
@@ -12,8 +12,10 @@ use std::time::Duration;
 
 use crate::Moment;
 
-/// How long the smallest difference is remembered.
+/// How long the smallest difference is remembered, in time during which frames came.
 const WINDOW: Duration = Duration::from_secs(10);
+/// A longer time between two frames counts as this.
+const LONGEST_GAP: Duration = Duration::from_millis(500);
 /// A change of the difference by more than this is a jump.
 const JUMP_NS: i128 = 1_000_000_000;
 /// How long a difference must hold after a jump before frames count as fresh again.
@@ -31,14 +33,23 @@ pub enum Age {
 /// One source's clock, as far as its frames tell.
 #[derive(Clone, Debug, Default)]
 pub struct AgeEstimator {
-    /// `(receive time, difference in ns)`, differences rising from front to back: the front is the smallest.
-    window: VecDeque<(Moment, i128)>,
+    /// `(time heard, difference in ns)`, differences rising from front to back: the front is the smallest.
+    window: VecDeque<(Duration, i128)>,
+    /// For how long frames have come, without the gaps.
+    heard: Duration,
+    last_received: Moment,
     /// After a jump: since when, and the smallest and largest difference seen since.
     jump: Option<(Moment, i128, i128)>,
     last_capture_ns: u64,
+    known_since: Option<Moment>,
 }
 
 impl AgeEstimator {
+    /// Since when ages have been judged against the same clock: its first frame, or the last jump.
+    pub fn known_since(&self) -> Option<Moment> {
+        self.known_since
+    }
+
     /// Judges a frame captured at `capture_time_ns` (sender's clock, 0 = unknown) and received at `received`.
     pub fn judge(&mut self, capture_time_ns: u64, received: Moment, max_age: Duration) -> Age {
         if capture_time_ns == 0 {
@@ -46,7 +57,9 @@ impl AgeEstimator {
         }
         let difference = received.as_nanos() as i128 - i128::from(capture_time_ns);
         let went_back = capture_time_ns <= self.last_capture_ns;
-        self.forget(received);
+        self.heard += received.saturating_sub(self.last_received).min(LONGEST_GAP);
+        self.last_received = received;
+        self.forget();
         let Some(&(_, smallest)) = self.window.front() else {
             self.restart(difference, received, capture_time_ns);
             return Age::Fresh;
@@ -63,7 +76,7 @@ impl AgeEstimator {
             return Age::Stale;
         }
         self.last_capture_ns = capture_time_ns;
-        self.insert(difference, received);
+        self.insert(difference);
         let smallest = self.window.front().map_or(difference, |&(_, smallest)| smallest);
         if difference - smallest <= max_age.as_nanos() as i128 { Age::Fresh } else { Age::Stale }
     }
@@ -86,28 +99,27 @@ impl AgeEstimator {
         Age::Stale
     }
 
-    /// Drops what is older than the window, but never the last: after a long silence, what comes first may be old.
-    fn forget(&mut self, received: Moment) {
-        while self.window.len() > 1
-            && self.window.front().is_some_and(|&(seen, _)| received.saturating_sub(seen) > WINDOW)
-        {
+    /// Drops what is older than the window.
+    fn forget(&mut self) {
+        while self.window.len() > 1 && self.window.front().is_some_and(|&(seen, _)| self.heard - seen > WINDOW) {
             self.window.pop_front();
         }
     }
 
     fn restart(&mut self, difference: i128, received: Moment, capture_time_ns: u64) {
         self.window.clear();
-        self.window.push_back((received, difference));
+        self.window.push_back((self.heard, difference));
         self.jump = None;
         self.last_capture_ns = capture_time_ns;
+        self.known_since = Some(received);
     }
 
     /// Keeps the window monotonic, so it stays short and its front is the smallest.
-    fn insert(&mut self, difference: i128, received: Moment) {
+    fn insert(&mut self, difference: i128) {
         while self.window.back().is_some_and(|&(_, larger)| larger >= difference) {
             self.window.pop_back();
         }
-        self.window.push_back((received, difference));
+        self.window.push_back((self.heard, difference));
     }
 }
 
@@ -164,6 +176,28 @@ mod tests {
         let mut estimator = settled();
         assert_eq!(judge(&mut estimator, 2000, 62_000), Age::Stale);
         assert_eq!(judge(&mut estimator, 61_995, 62_000), Age::Fresh);
+    }
+
+    #[test]
+    fn silence_does_not_make_late_frames_the_measure() {
+        let mut estimator = settled();
+        // The way becomes slow, then nothing comes for a minute, then what waited and what is new.
+        for k in 0..10 {
+            assert_eq!(judge(&mut estimator, 1000 + 33 * k, 1900 + 33 * k), Age::Stale);
+        }
+        for k in 0..10 {
+            assert_eq!(judge(&mut estimator, 61_000 + 33 * k, 61_900 + k), Age::Stale, "still 0.6 s and more too late");
+        }
+        assert_eq!(judge(&mut estimator, 62_000, 62_010), Age::Fresh);
+    }
+
+    #[test]
+    fn an_offset_that_drifts_is_followed() {
+        let mut estimator = settled();
+        // The sender's clock loses 1 ms in 100: after 30 s it is 300 ms behind, and no frame was late.
+        for k in 31..900 {
+            assert_eq!(judge(&mut estimator, 33 * k - 33 * k / 100, 33 * k + 5), Age::Fresh, "frame {k}");
+        }
     }
 
     #[test]

@@ -128,11 +128,21 @@ impl Board {
         self.message.depth_scale = estimates.depth_scale;
     }
 
-    /// Notes that the outlet sent zeros instead of the answer.
+    /// Notes that zeros were sent instead of the answer, because the world went on while it was computed.
     pub fn overruled(&mut self, sent: &TwistMessage) {
-        let stale = sent.status == Status::StaleFrame;
-        self.message.frames_dropped.stale += u64::from(stale);
-        self.say(sent.status, stale.then_some("the twist was ready too late, or the worker stood still"));
+        let dropped = &mut self.message.frames_dropped;
+        let detail = match sent.status {
+            Status::StaleFrame => {
+                dropped.stale += 1;
+                Some("the twist was ready too late, or the worker stood still")
+            }
+            Status::DeadlineMissed => {
+                dropped.deadline += 1;
+                Some("the computation ended after the deadline")
+            }
+            _ => None,
+        };
+        self.say(sent.status, detail);
     }
 
     /// Changes the last word; a change is published at the clock's next look.

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use domvs_proto::body;
 use domvs_proto::status::Status;
@@ -26,12 +26,11 @@ const TOKEN_GRACE: Duration = Duration::from_secs(2);
 
 /// Looks after every task until `closing` is dropped.
 pub(crate) fn run(shared: &Arc<Shared>, closing: &Receiver<()>) {
-    let mut last = shared.now();
+    let mut clocks = Clocks { monotonic: shared.now(), wall: SystemTime::now() };
     let mut load = LoadMeter::default();
     while closing.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout) {
         let now = shared.now();
-        let pause = now.saturating_sub(last);
-        last = now;
+        let pause = clocks.look(now, SystemTime::now());
         load.measure(shared, now);
         for desk in shared.desks() {
             look_after(&desk, pause, now);
@@ -39,7 +38,34 @@ pub(crate) fn run(shared: &Arc<Shared>, closing: &Receiver<()>) {
     }
 }
 
-fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
+/// What both clocks said at the last look.
+struct Clocks {
+    monotonic: Moment,
+    wall: SystemTime,
+}
+
+/// What lies between two looks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Pause {
+    length: Duration,
+    /// It began after this. Zero where the machine slept: nothing that was compared with the worker's clock before holds after it.
+    since: Moment,
+}
+
+impl Clocks {
+    /// What has passed since the last look, by the clock that says more: the monotonic one stands still while the machine sleeps.
+    /// A wall clock that is set ahead looks the same and costs as little.
+    fn look(&mut self, now: Moment, wall: SystemTime) -> Pause {
+        let monotonic = now.saturating_sub(self.monotonic);
+        let by_wall = wall.duration_since(self.wall).unwrap_or_default();
+        let slept = by_wall > 2 * monotonic + TICK;
+        let since = if slept { Moment::ZERO } else { self.monotonic };
+        *self = Clocks { monotonic: now, wall };
+        Pause { length: monotonic.max(by_wall), since }
+    }
+}
+
+fn look_after(desk: &Arc<Desk>, pause: Pause, now: Moment) {
     throw_away_after_pause(desk, pause, now);
     let leased = !desk.closing.load(Ordering::Acquire) && watch_client(desk, now);
     obey_halt(desk, now);
@@ -122,13 +148,15 @@ fn watch_client(desk: &Arc<Desk>, now: Moment) -> bool {
 }
 
 /// A process that was stopped, or starved, finds old frames in its queues. They tell nothing about now.
-fn throw_away_after_pause(desk: &Arc<Desk>, pause: Duration, now: Moment) {
-    let watchdog = lock(&desk.outlet).governor_mut().watchdog();
-    if pause <= watchdog {
+fn throw_away_after_pause(desk: &Arc<Desk>, pause: Pause, now: Moment) {
+    let mut outlet = lock(&desk.outlet);
+    if pause.length <= outlet.governor_mut().watchdog() {
         return;
     }
-    tracing::warn!(task = %desk.key, pause_ms = pause.as_millis(), "the worker stood still; queued frames are thrown away");
-    lock(&desk.outlet).doubt(now);
+    outlet.doubt(pause.since, now);
+    drop(outlet);
+    let pause_ms = pause.length.as_millis();
+    tracing::warn!(task = %desk.key, pause_ms, "the worker stood still; what waited is thrown away");
     let (requests, frame) = desk.mailbox.discard_images();
     lock(&desk.board).dropped().stale += requests.len() as u64 + u64::from(frame.is_some());
     for request in requests {
@@ -154,5 +182,21 @@ impl LoadMeter {
         let capacity = interval.as_secs_f64() * shared.config.compute_threads() as f64;
         shared.set_load(busy.saturating_sub(self.busy).as_secs_f64() / capacity);
         (self.since, self.busy) = (now, busy);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pause_shows_by_the_clock_that_says_more() {
+        let (ms, wall) = (Duration::from_millis, SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000));
+        let mut clocks = Clocks { monotonic: ms(100), wall };
+        let mut look = |monotonic, since_start| clocks.look(ms(monotonic), wall + ms(since_start));
+        assert_eq!(look(105, 5), Pause { length: ms(5), since: ms(100) });
+        assert_eq!(look(5105, 5005), Pause { length: ms(5000), since: ms(105) }, "the process was stopped");
+        assert_eq!(look(5110, 65_005), Pause { length: ms(60_000), since: ms(0) }, "the machine slept");
+        assert_eq!(look(5115, 0), Pause { length: ms(5), since: ms(5110) }, "the wall clock was set back");
     }
 }

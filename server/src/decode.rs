@@ -30,6 +30,7 @@ pub use self::depth::DepthRows;
 use self::gray::{Found, Rows};
 pub use self::preprocess::{invert, weights};
 use crate::payload::Payload;
+use crate::screen::GraySums;
 
 /// Samples of `mono32f` that are taken as they are. [0, 1] is meant; noise and light may lead outside, gray from 0 to 255 is a mistake.
 pub const TAKEN: std::ops::RangeInclusive<f32> = -1.0..=2.0;
@@ -48,8 +49,8 @@ pub struct DecodeLimits {
 pub struct Decoded<'a> {
     /// Gray in [0, 1], every sample finite.
     pub image: &'a mut Plane<f32>,
-    /// Standard deviation of the gray values.
-    pub contrast: f64,
+    /// What the gray values are judged by: contrast, and how much is black or white.
+    pub sums: GraySums,
     /// The depth plane, of the image's size.
     pub depth: Option<DepthRows<'a>>,
     /// How many pixels were not finite (`mono32f` only) and are now 0.
@@ -184,7 +185,7 @@ impl Decoder {
             return Err(DecodeError::OutOfRange { pixels, outside });
         }
         let depth = layout.depth.map(|depth| DepthRows::new(header, payload, depth.start, seam));
-        Ok(Decoded { image, contrast: sums.contrast(), depth, replaced_pixels: replaced })
+        Ok(Decoded { image, sums, depth, replaced_pixels: replaced })
     }
 }
 

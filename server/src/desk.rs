@@ -2,7 +2,7 @@
 //! one plain call into the task, and answers. A refusal is an answer too: nobody waits for silence. The work itself
 //! is in `orders` and `frames`.
 //!
-//! Locks are taken in this order, never the other way: task, outlet, board; and halt before outlet. None is held
+//! Locks are taken in this order, never the other way: task, outlet, board; and halt before `halt_asked` and outlet. None is held
 //! while something is computed, save the task's.
 
 use std::any::Any;
@@ -33,8 +33,8 @@ use crate::worker::Shared;
 
 /// Something a client wants of a task, other than a twist.
 pub(crate) enum Order {
-    /// `control`.
-    Control(Query),
+    /// `control`, and when it came.
+    Control(Query, Moment),
     /// `settings`: get or change.
     Settings(Query),
     /// `target`: get or set.
@@ -47,14 +47,14 @@ impl Order {
     /// What was asked.
     pub(crate) fn query(&self) -> &Query {
         match self {
-            Order::Control(query) | Order::Settings(query) | Order::Target(query, _) | Order::State(query) => query,
+            Order::Control(query, _) | Order::Settings(query) | Order::Target(query, _) | Order::State(query) => query,
         }
     }
 
     /// Who waits for an answer.
     pub(crate) fn into_query(self) -> Query {
         match self {
-            Order::Control(query) | Order::Settings(query) | Order::Target(query, _) | Order::State(query) => query,
+            Order::Control(query, _) | Order::Settings(query) | Order::Target(query, _) | Order::State(query) => query,
         }
     }
 }
@@ -112,6 +112,8 @@ pub(crate) struct Desk {
     pub(crate) idle_close_s: AtomicU32,
     /// A status to latch before anything else is done; set by callbacks and the clock.
     pub(crate) halt: Mutex<Option<Status>>,
+    /// When a halt was last asked for: a `start` that came before is overruled by it, however long it waits.
+    pub(crate) halt_asked: Mutex<Moment>,
     /// The client, or nobody's using it, asked for the end.
     pub(crate) closing: AtomicBool,
     /// How often the whole state has been published.
@@ -153,7 +155,9 @@ impl Work for Desk {
 impl Desk {
     /// Asks for a latched halt: takes effect on `command` at the clock's next look, and before the next frame.
     pub(crate) fn request_halt(&self, status: Status) {
-        lock(&self.halt).get_or_insert(status);
+        let mut halt = lock(&self.halt);
+        halt.get_or_insert(status);
+        *lock(&self.halt_asked) = self.shared.now();
     }
 
     /// A newer owner has the task: asks for the last halt, whatever other one waits.

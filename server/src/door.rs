@@ -25,12 +25,13 @@ const LONGEST_STOP: usize = 256;
 
 /// A stop must find room: only the owner's words are let in, they have a queue of their own, and no rate holds a stop back.
 pub(crate) fn control(desk: &Arc<Desk>, query: Query) {
+    let received = desk.shared.now();
     if let Err(error) = desk.check_owner(attached_secret(&query).as_ref()) {
         return refuse(desk, Asker::Stranger, query, error);
     }
-    match desk.tenant.may(Doing::Control, desk.shared.now()) {
+    match desk.tenant.may(Doing::Control, received) {
         Err(error) if !is_stop(&query) => refuse(desk, Asker::Owner, query, ErrorReply::new(ErrorCode::Quota, error)),
-        _ => enqueue(desk, Order::Control(query), 0, |desk, order| desk.mailbox.push_urgent(order)),
+        _ => enqueue(desk, Order::Control(query, received), 0, |desk, order| desk.mailbox.push_urgent(order)),
     }
 }
 
@@ -174,7 +175,7 @@ fn enqueue(
 ) {
     // What is small and has a queue of its own takes nothing of the account, so that a full account holds back no stop.
     let held = match order {
-        Order::Control(_) | Order::State(_) => desk.tenant.hold_bytes(0),
+        Order::Control(..) | Order::State(_) => desk.tenant.hold_bytes(0),
         Order::Settings(_) | Order::Target(..) => desk.tenant.hold_message(bytes),
     };
     let held = match held {

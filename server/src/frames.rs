@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::time::Duration;
 
 use domvs_proto::body;
-use domvs_proto::frame::{FrameHeader, PixelFormat};
+use domvs_proto::frame::FrameHeader;
 use domvs_proto::keys::Leaf;
 use domvs_proto::status::Status;
 use domvs_proto::twist::{TWIST_ENCODING, TwistMessage};
@@ -15,34 +15,30 @@ use zenoh::query::Query;
 
 use crate::answers::log_failure;
 use crate::desk::{Desk, PushedFrame, TwistRequest, lock};
-use crate::outlet::refused;
-use crate::payload::{Payload, header_of};
-use crate::pipeline::{is_past_deadline, on_frame};
+use crate::payload::{Payload, echo_of, header_of};
+use crate::pipeline::{on_frame, recheck, send_answer};
 use crate::task::{Frame, Route, Task};
 
 impl Desk {
     /// Answers a twist request that nobody will compute.
     pub(crate) fn refuse_twist(&self, query: &Query, status: Status) {
-        let header = header_of(query.attachment()).unwrap_or_else(|_| unreadable_header());
+        let header = header_or_echo(query.attachment()).0;
         // A task that stands says why it stands, to whoever it is.
         let standing = Some(lock(&self.board).status()).filter(|now| status == Status::BadFrame && now.is_latched());
-        let mut answer = TwistMessage::zero(standing.unwrap_or(status));
-        (answer.sequence, answer.capture_time_ns) = (header.sequence, header.capture_time_ns);
+        let status = standing.unwrap_or(status);
         if status == Status::Overloaded {
             lock(&self.board).dropped().overloaded += 1;
         }
-        self.reply_twist(query, answer);
+        self.reply_twist(query, self.zeros(&header, status));
     }
 
     pub(crate) fn answer_twist(&self, request: &TwistRequest) {
         let query = &request.query;
-        let header = match header_of(query.attachment()) {
-            Ok(header) => header,
-            Err(error) => {
-                let answer = self.refuse_frame(&lock(&self.task), Status::BadFrame, &error.to_string());
-                return self.reply_twist(query, answer);
-            }
-        };
+        let (header, refusal) = header_or_echo(query.attachment());
+        if let Some(error) = refusal {
+            let answer = self.refuse_frame(&lock(&self.task), &header, &error);
+            return self.reply_twist(query, answer);
+        }
         let payload = query.payload().map_or(Payload::Whole(&[]), Payload::from);
         let encoding: Cow<'static, str> = query.encoding().map(Cow::from).unwrap_or_default();
         let frame = Frame {
@@ -54,33 +50,21 @@ impl Desk {
         };
         let mut answer = self.compute(&mut lock(&self.task), &frame);
         if answer.is_servoing() {
-            answer = self.in_time(answer, request, &header);
+            let halted = *lock(&self.halt);
+            answer = recheck(answer, &lock(&self.outlet), &frame, halted, self.shared.now());
             lock(&self.task).told(Twist::from_array(answer.twist));
+            if !answer.is_servoing() {
+                lock(&self.board).overruled(&answer);
+            }
         }
         self.reply_twist(query, answer);
         self.record(&frame, query.payload(), Leaf::Twist, &answer);
     }
 
-    /// Looks once more before motion is answered: the computation took time, and the world went on.
-    fn in_time(&self, answer: TwistMessage, request: &TwistRequest, header: &FrameHeader) -> TwistMessage {
-        if let Some(status) = *lock(&self.halt) {
-            return refused(answer, status);
-        }
-        if !is_past_deadline(header.deadline_us, self.shared.now().saturating_sub(request.received)) {
-            return answer;
-        }
-        let mut board = lock(&self.board);
-        board.dropped().deadline += 1;
-        board.say(Status::DeadlineMissed, Some("the computation ended after the deadline"));
-        refused(answer, Status::DeadlineMissed)
-    }
-
     pub(crate) fn follow_frame(&self, pushed: &PushedFrame) {
-        let header = self
-            .check_bytes(Some(&pushed.payload))
-            .and_then(|()| header_of(pushed.attachment.as_ref()).map_err(|error| error.to_string()))
-            .and_then(|header| self.check_pushed_secret(header));
-        let (header, refusal) = header.map_or_else(|error| (unreadable_header(), Some(error)), |header| (header, None));
+        let (header, unreadable) = header_or_echo(pushed.attachment.as_ref());
+        let refusal =
+            self.check_bytes(Some(&pushed.payload)).err().or(unreadable).or(self.check_pushed_secret(&header));
         let frame = Frame {
             header: &header,
             encoding: &Cow::from(&pushed.encoding),
@@ -91,13 +75,9 @@ impl Desk {
         let mut task = lock(&self.task);
         let answer = match &refusal {
             None => self.compute(&mut task, &frame),
-            Some(error) => self.refuse_frame(&task, Status::BadFrame, error),
+            Some(error) => self.refuse_frame(&task, &header, error),
         };
-        let sent = lock(&self.outlet).send(answer, pushed.received, self.shared.now());
-        task.commanded(Twist::from_array(sent.twist));
-        if answer.is_servoing() {
-            task.told(Twist::from_array(sent.twist));
-        }
+        let sent = send_answer(&mut task, &mut lock(&self.outlet), &frame, answer, self.shared.now());
         drop(task);
         if sent.status != answer.status {
             lock(&self.board).overruled(&sent);
@@ -106,17 +86,26 @@ impl Desk {
     }
 
     /// A pushed frame needs no secret unless the settings ask for it, but one that names another's is meant for another task.
-    fn check_pushed_secret(&self, header: FrameHeader) -> Result<FrameHeader, String> {
-        match &header.secret {
-            Some(secret) if !self.takes_frames_of(secret) => Err("the frame carries another task's secret".to_owned()),
-            _ => Ok(header),
+    fn check_pushed_secret(&self, header: &FrameHeader) -> Option<String> {
+        let is_anothers = header.secret.as_ref().is_some_and(|secret| !self.takes_frames_of(secret));
+        is_anothers.then(|| "the frame carries another task's secret".to_owned())
+    }
+
+    /// Zeros for a frame of which nothing but the header was looked at.
+    fn zeros(&self, header: &FrameHeader, status: Status) -> TwistMessage {
+        TwistMessage {
+            sequence: header.sequence,
+            capture_time_ns: header.capture_time_ns,
+            epoch: self.epoch,
+            valid_ms: lock(&self.outlet).valid_ms(),
+            ..TwistMessage::zero(status)
         }
     }
 
     /// Zeros for a frame that never gets to the pipeline. A task that stands says why it stands.
-    fn refuse_frame(&self, task: &Task, status: Status, detail: &str) -> TwistMessage {
-        let (status, detail) = if task.is_running() { (status, Some(detail)) } else { (task.status(), None) };
-        let answer = TwistMessage { epoch: self.epoch, ..TwistMessage::zero(status) };
+    fn refuse_frame(&self, task: &Task, header: &FrameHeader, detail: &str) -> TwistMessage {
+        let (status, detail) = if task.is_running() { (Status::BadFrame, Some(detail)) } else { (task.status(), None) };
+        let answer = self.zeros(header, status);
         lock(&self.board).answered(&answer, task.iterations(), detail);
         answer
     }
@@ -127,7 +116,7 @@ impl Desk {
         let answer = self.guarded(|| on_frame(task, frame, begin));
         let mut answer = answer.unwrap_or_else(|| {
             task.latch(Status::Internal);
-            TwistMessage { sequence: frame.header.sequence, ..TwistMessage::zero(Status::Internal) }
+            self.zeros(frame.header, Status::Internal)
         });
         answer.epoch = self.epoch;
         answer.queue_us = micros(begin.saturating_sub(frame.received));
@@ -170,9 +159,9 @@ impl Desk {
     }
 }
 
-/// Stands in an answer or a recording for a header that could not be read.
-fn unreadable_header() -> FrameHeader {
-    FrameHeader::new(PixelFormat::ByEncoding, 0, 0)
+/// The header of a frame; of one that cannot be read what is echoed, and why.
+fn header_or_echo(attachment: Option<&ZBytes>) -> (FrameHeader, Option<String>) {
+    header_of(attachment).map_or_else(|error| (echo_of(attachment), Some(error.to_string())), |header| (header, None))
 }
 
 fn micros(duration: Duration) -> u32 {

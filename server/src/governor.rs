@@ -19,6 +19,15 @@ pub struct AccelerationLimits {
     pub angular_rad_per_s2: f64,
 }
 
+/// How fast a twist may be; `None` in the settings means no such limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpeedLimits {
+    /// Largest norm of the linear part, in m/s.
+    pub linear_m_per_s: f64,
+    /// Largest norm of the angular part, in rad/s.
+    pub angular_rad_per_s: f64,
+}
+
 /// What the governor let through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Governed {
@@ -35,6 +44,8 @@ pub struct Governor {
     watchdog: Duration,
     longest_interval: Duration,
     last: Twist,
+    /// Whether a twist was sent last, and not the zeros of a brake.
+    servoing: bool,
     last_sent: Option<Moment>,
     newest_frame: Option<Moment>,
 }
@@ -43,12 +54,28 @@ impl Governor {
     /// A governor at rest. `longest_interval` (one frame period) bounds the time over which a change may build
     /// up, so a pause does not turn into a jump.
     pub fn new(limits: Option<AccelerationLimits>, watchdog: Duration, longest_interval: Duration) -> Governor {
-        Governor { limits, watchdog, longest_interval, last: Twist::ZERO, last_sent: None, newest_frame: None }
+        Governor {
+            limits,
+            watchdog,
+            longest_interval,
+            last: Twist::ZERO,
+            servoing: false,
+            last_sent: None,
+            newest_frame: None,
+        }
     }
 
     /// Takes new limits; what was sent stays known, so the change itself cannot jump.
     pub fn reconfigure(&mut self, limits: Option<AccelerationLimits>, watchdog: Duration, longest_interval: Duration) {
         (self.limits, self.watchdog, self.longest_interval) = (limits, watchdog, longest_interval);
+    }
+
+    /// Takes new bounds of the twist itself: what they forbid ends with the next twist, at once, as with zeros. Only from what is
+    /// left of the last twist does the next one start.
+    pub fn confine(&mut self, speed: Option<SpeedLimits>, free: [bool; 6]) {
+        let components = self.last.to_array();
+        let masked = Twist::from_array(std::array::from_fn(|i| if free[i] { components[i] } else { 0.0 }));
+        self.last = speed.map_or(masked, |limits| limit_speed(masked, limits).0);
     }
 
     /// How long frames may stay away.
@@ -73,23 +100,25 @@ impl Governor {
         });
         let twist = if fraction < 1.0 { between(self.last, wanted, fraction) } else { wanted };
         self.newest_frame = Some(received);
+        self.servoing = true;
         self.remember(twist, now);
         Governed { twist, acceleration_limited: fraction < 1.0 }
     }
 
     /// Notes that exact zeros are being sent.
     pub fn brake(&mut self, now: Moment) {
+        self.servoing = false;
         self.remember(Twist::ZERO, now);
     }
 
-    /// Whether the last twist sent moves the camera and no frame has come for longer than the watchdog allows.
+    /// Whether a twist is in force and no frame has come for longer than the watchdog allows.
     pub fn is_silent(&self, now: Moment) -> bool {
-        self.is_moving() && self.newest_frame.is_none_or(|received| !self.is_current(received, now))
+        self.is_servoing() && self.newest_frame.is_none_or(|received| !self.is_current(received, now))
     }
 
-    /// Whether the last twist sent was anything but zero.
-    pub fn is_moving(&self) -> bool {
-        self.last != Twist::ZERO
+    /// Whether a twist was sent last, and not the zeros of a brake.
+    pub fn is_servoing(&self) -> bool {
+        self.servoing
     }
 
     /// When the last twist, or zero, was sent.
@@ -104,9 +133,9 @@ impl Governor {
 }
 
 /// One scale for all six so that neither part exceeds its limit; the direction is kept. Says whether it scaled.
-pub fn limit_speed(twist: Twist, linear_m_per_s: f64, angular_rad_per_s: f64) -> (Twist, bool) {
-    let scale = allowed_fraction(twist.linear_norm(), linear_m_per_s)
-        .min(allowed_fraction(twist.angular_norm(), angular_rad_per_s));
+pub fn limit_speed(twist: Twist, limits: SpeedLimits) -> (Twist, bool) {
+    let scale = allowed_fraction(twist.linear_norm(), limits.linear_m_per_s)
+        .min(allowed_fraction(twist.angular_norm(), limits.angular_rad_per_s));
     if scale < 1.0 { (twist.scaled(scale), true) } else { (twist, false) }
 }
 
@@ -181,8 +210,46 @@ mod tests {
     }
 
     #[test]
+    fn a_lower_limit_or_a_masked_degree_holds_from_the_next_twist_on() {
+        let mut governor = governor();
+        let fast = Twist::from_array([0.2, 0.0, 0.0, 0.0, 0.0, 0.5]);
+        for step in 1..=20 {
+            governor.pass(fast, at(100 * step), at(100 * step));
+        }
+        let free = [true, true, true, true, true, false];
+        let limits = SpeedLimits { linear_m_per_s: 0.01, angular_rad_per_s: 0.7 };
+        governor.confine(Some(limits), free);
+        let wanted = Twist::from_array([-0.01, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let sent = governor.pass(wanted, at(2001), at(2001)).twist;
+        assert!(sent.linear_norm() <= 0.01 + 1e-15 && sent.to_array()[5] == 0.0, "{sent:?}");
+        assert!((sent.to_array()[0] - 0.0095).abs() < 1e-12, "and changes by 0.5 m/s² over 1 ms from there");
+    }
+
+    #[test]
+    fn a_twist_of_zeros_is_in_force_like_any_other() {
+        let mut governor = governor();
+        governor.pass(Twist::ZERO, at(0), at(0));
+        assert!(governor.is_servoing() && !governor.is_silent(at(300)) && governor.is_silent(at(301)));
+    }
+
+    #[test]
+    fn whatever_the_clock_says_the_twist_stays_finite_and_no_change_is_larger_than_a_period_allows() {
+        let mut governor = governor();
+        let wanted = Twist::from_array([f64::MAX, -f64::MAX, f64::MIN_POSITIVE, 5e-324, 1e200, -0.0]);
+        let mut last = [0.0; 6];
+        for ms in [0, 0, 5000, 4000, 4000, u64::MAX / 2, 1, 0, 7] {
+            let sent = governor.pass(wanted, at(ms), at(ms)).twist.to_array();
+            let change = difference(Twist::from_array(sent), Twist::from_array(last));
+            assert!(sent.iter().all(|component| component.is_finite()), "{sent:?} at {ms} ms");
+            assert!(change.linear_norm() <= 0.05 + 1e-12 && change.angular_norm() <= 0.2 + 1e-12, "{change:?}");
+            last = sent;
+        }
+    }
+
+    #[test]
     fn speed_limit_uses_one_scale_for_all_six() {
-        let (limited, scaled) = limit_speed(Twist::from_array([0.4, 0.0, 0.0, 0.0, 0.7, 0.0]), 0.2, 0.7);
+        let limits = SpeedLimits { linear_m_per_s: 0.2, angular_rad_per_s: 0.7 };
+        let (limited, scaled) = limit_speed(Twist::from_array([0.4, 0.0, 0.0, 0.0, 0.7, 0.0]), limits);
         assert!(scaled);
         assert_eq!(limited.to_array(), [0.2, 0.0, 0.0, 0.0, 0.35, 0.0]);
     }

@@ -6,7 +6,7 @@ use domvs_vision::{
     Method, NoiseFloor, OrderError, OrderRule, StepCap, Window,
 };
 
-use crate::governor::AccelerationLimits;
+use crate::governor::{AccelerationLimits, SpeedLimits};
 use crate::task::Route;
 
 /// The law that these settings describe, for frames that come with requests. The gaussian mixture has its fast form.
@@ -50,6 +50,14 @@ pub fn law(settings: &TaskSettings) -> Result<Law, OrderError> {
 /// The pinhole part of the camera.
 pub fn intrinsics(camera: &settings::Camera) -> Result<Intrinsics, CameraError> {
     Intrinsics::new([camera.fx, camera.fy], [camera.cx, camera.cy])
+}
+
+/// The speed part of the limits.
+pub fn speed_limits(settings: &TaskSettings) -> Option<SpeedLimits> {
+    settings.limits.map(|limits| SpeedLimits {
+        linear_m_per_s: limits.linear_m_per_s,
+        angular_rad_per_s: limits.angular_rad_per_s,
+    })
 }
 
 /// The acceleration part of the limits.

@@ -83,9 +83,9 @@ pub mod record;
 
 pub use age::SETTLING;
 pub use config::{ConfigError, ServerConfig};
-pub use governor::{AccelerationLimits, Governed, Governor, limit_speed};
+pub use governor::{AccelerationLimits, Governed, Governor, SpeedLimits, limit_speed};
 pub use life::DIVERGING_FRAMES;
-pub use outlet::ZERO_PERIOD;
+pub use outlet::{Outlet, Publish, Received, ZERO_PERIOD};
 pub use service::Service;
 pub use worker::ServiceError;
 

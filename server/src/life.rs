@@ -227,6 +227,7 @@ mod tests {
             condition_number: 10.0,
             rank: 6,
             rank_deficient: false,
+            singular_ratio: 0.1,
             light: None,
             depth_scale: 1.0,
             used_fraction: 1.0,

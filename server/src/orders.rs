@@ -18,7 +18,7 @@ use zenoh::query::Query;
 use crate::Moment;
 use crate::answers::{log_failure, read_json, reply_error, reply_json};
 use crate::desk::{Desk, Order, lock};
-use crate::law::acceleration_limits;
+use crate::law::{acceleration_limits, speed_limits};
 use crate::payload::{Payload, header_of};
 use crate::replica::TARGET;
 use crate::task::{Frame, Route, SentTarget, Task};
@@ -27,7 +27,9 @@ impl Desk {
     pub(crate) fn obey(&self, order: Order) {
         lock(&self.board).used(self.shared.now());
         match order {
-            Order::Control(query) => self.answer(&query, Leaf::Control, |desk| desk.control(&query)),
+            Order::Control(query, received) => {
+                self.answer(&query, Leaf::Control, |desk| desk.control(&query, received));
+            }
             Order::Settings(query) => self.answer(&query, Leaf::Settings, |desk| desk.settings(&query)),
             Order::Target(query, _) if query.payload().is_none_or(ZBytes::is_empty) => self.answer_target(&query),
             Order::Target(query, received) => {
@@ -51,12 +53,18 @@ impl Desk {
         }
     }
 
-    fn control(&self, query: &Query) -> Result<Vec<u8>, ErrorReply> {
+    /// The secret was looked at before this was let in.
+    fn control(&self, query: &Query, received: Moment) -> Result<Vec<u8>, ErrorReply> {
         let control: Control = read_json(query)?;
-        if matches!(control, Control::Start | Control::Resume) && self.is_without_client() {
+        let moves = matches!(control, Control::Start | Control::Resume);
+        if moves && self.is_without_client() {
             return Ok(body::write(&ControlReply { status: Status::ClientLost }));
         }
         let mut task = lock(&self.task);
+        if moves && !task.is_running() && received <= *lock(&self.halt_asked) {
+            tracing::warn!(task = %self.key, ?control, "came before the halt that it would lift; nothing changes");
+            return Ok(body::write(&ControlReply { status: task.status() }));
+        }
         let mut outlet = lock(&self.outlet);
         // Whoever closes says so before it halts the outlet for good, so nothing lifts that halt.
         if self.closing.load(Ordering::Acquire) {
@@ -78,7 +86,7 @@ impl Desk {
             }
         }
         drop(outlet);
-        if matches!(control, Control::Start | Control::Resume) {
+        if moves {
             // The client is there: its task is wanted again.
             lock(&self.lease_watch).gone_since = None;
         }
@@ -120,7 +128,10 @@ impl Desk {
         let period = std::time::Duration::from_secs_f64(settings.frame_period_s);
         self.idle_close_s.store(settings.idle_close_s, Ordering::Release);
         self.frames_need_secret.store(settings.frame_secret, Ordering::Release);
-        lock(&self.outlet).governor_mut().reconfigure(acceleration_limits(settings), task.watchdog(), period);
+        let mut outlet = lock(&self.outlet);
+        outlet.governor_mut().reconfigure(acceleration_limits(settings), task.watchdog(), period);
+        outlet.governor_mut().confine(speed_limits(settings), settings.degrees_of_freedom);
+        drop(outlet);
         if let Some(recorder) = &self.shared.recorder {
             let json = String::from_utf8_lossy(&body::write(settings)).into_owned();
             recorder.settings(&self.shared.keys.settings(&self.key), self.shared.wall_ns(self.shared.now()), json);

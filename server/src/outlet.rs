@@ -18,6 +18,30 @@ pub const ZERO_PERIOD: Duration = Duration::from_millis(100);
 /// Sends one message; never waits.
 pub type Publish = Box<dyn Fn(&TwistMessage) + Send>;
 
+/// What is known of the age of the frame behind a twist.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Received {
+    /// When it arrived.
+    pub at: Moment,
+    /// Since when its sender's clock has been known; `None` if it came without a capture time.
+    pub clock_known_since: Option<Moment>,
+}
+
+impl Received {
+    /// A frame of which only the receipt is known.
+    pub fn at(at: Moment) -> Received {
+        Received { at, clock_known_since: None }
+    }
+}
+
+/// The process stood still. What was received before `until` may be as old as the pause was long.
+#[derive(Clone, Copy, Debug, Default)]
+struct Doubt {
+    /// The pause began after this: a sender's clock that was known by then still tells the age of its frames.
+    since: Moment,
+    until: Moment,
+}
+
 /// The way out of one task.
 pub struct Outlet {
     governor: Governor,
@@ -26,15 +50,14 @@ pub struct Outlet {
     last: TwistMessage,
     halted: Option<Status>,
     /// When the clock last looked.
-    looked: Option<Moment>,
-    /// Frames without a capture time that were received before this are of unknown age.
-    doubtful_until: Moment,
+    looked: Moment,
+    doubt: Doubt,
 }
 
 impl Outlet {
     /// An outlet at rest, which hands every message to `publish`.
-    pub fn new(governor: Governor, first: TwistMessage, publish: Publish) -> Outlet {
-        Outlet { governor, publish, last: first, halted: None, looked: None, doubtful_until: Moment::ZERO }
+    pub fn new(governor: Governor, first: TwistMessage, publish: Publish, now: Moment) -> Outlet {
+        Outlet { governor, publish, last: first, halted: None, looked: now, doubt: Doubt::default() }
     }
 
     /// Gives the governor new limits.
@@ -42,16 +65,20 @@ impl Outlet {
         &mut self.governor
     }
 
-    /// Sends the answer to a pushed frame received at `received`, governed if it is servoing and as zeros if
-    /// not. Returns the message as it was sent.
-    pub fn send(&mut self, mut message: TwistMessage, received: Moment, now: Moment) -> TwistMessage {
+    /// What every message says: brake if nothing newer has come by then, ms.
+    pub fn valid_ms(&self) -> u32 {
+        u32::try_from(self.governor.watchdog().as_millis()).unwrap_or(u32::MAX)
+    }
+
+    /// Sends the answer to a pushed frame, governed if it is servoing and as zeros if not. Returns the message as it was sent.
+    pub fn send(&mut self, mut message: TwistMessage, frame: Received, now: Moment) -> TwistMessage {
         if let Some(status) = self.halted {
             message = refused(message, status);
-        } else if message.is_servoing() && !self.is_trusted(&message, received, now) {
+        } else if message.is_servoing() && !self.is_trusted(frame, now) {
             message = refused(message, Status::StaleFrame);
         }
         if message.is_servoing() {
-            let governed = self.governor.pass(Twist::from_array(message.twist), received, now);
+            let governed = self.governor.pass(Twist::from_array(message.twist), frame.at, now);
             message.twist = governed.twist.to_array();
             message.flags.acceleration_limited = governed.acceleration_limited;
         } else {
@@ -61,21 +88,31 @@ impl Outlet {
     }
 
     /// The frame is young enough, the clock is there to brake, and no pause of the process hides the frame's age.
-    fn is_trusted(&self, message: &TwistMessage, received: Moment, now: Moment) -> bool {
-        self.governor.is_current(received, now)
-            && self.looked.is_none_or(|looked| self.governor.is_current(looked, now))
-            && (message.capture_time_ns != 0 || received >= self.doubtful_until)
+    fn is_trusted(&self, frame: Received, now: Moment) -> bool {
+        self.governor.is_current(frame.at, now)
+            && (self.is_awake(frame.at, now)
+                || self.clock_looks(now) && frame.clock_known_since.is_some_and(|since| since <= self.doubt.since))
     }
 
-    /// The process stood still: for one watchdog time, frames without a capture time prove nothing about now.
-    pub fn doubt(&mut self, now: Moment) {
-        self.doubtful_until = now + self.governor.watchdog();
+    /// Whether the clock looks, and has done so for long enough that what arrived at `received` did not wait for it to wake.
+    pub fn is_awake(&self, received: Moment, now: Moment) -> bool {
+        self.clock_looks(now) && received >= self.doubt.until
     }
 
-    /// Sends zeros with this status at once, whatever waits.
+    fn clock_looks(&self, now: Moment) -> bool {
+        self.governor.is_current(self.looked, now)
+    }
+
+    /// The process stood still after `since`: for one watchdog time from now on, the receipt of a frame proves nothing about its age.
+    pub fn doubt(&mut self, since: Moment, now: Moment) {
+        self.doubt = Doubt { since, until: now + self.governor.watchdog() };
+    }
+
+    /// Sends zeros with this status at once, whatever waits. They answer no frame, so they say nothing of one but its number and time.
     pub fn brake(&mut self, status: Status, now: Moment) {
         self.governor.brake(now);
-        self.publish(refused(self.last, status));
+        let TwistMessage { sequence, capture_time_ns, epoch, .. } = self.last;
+        self.publish(TwistMessage { sequence, capture_time_ns, epoch, ..TwistMessage::zero(status) });
     }
 
     /// Answers every frame with zeros and this status until it is lifted with `None`.
@@ -91,22 +128,23 @@ impl Outlet {
         self.halted.is_some()
     }
 
-    /// Called often by the clock: zeros the moment the frames stay away, and at 10 Hz while nothing moves.
-    /// `status` is what to say when nothing moves. Returns the status sent when the watchdog braked.
+    /// Called often by the clock: zeros the moment the frames stay away, and at 10 Hz while no twist is in force.
+    /// `status` is what to say then. Returns the status sent when the watchdog braked.
     pub fn tick(&mut self, status: Status, now: Moment) -> Option<Status> {
-        self.looked = Some(now);
+        self.looked = now;
         if self.governor.is_silent(now) {
             self.brake(Status::WaitingFrame, now);
             return Some(Status::WaitingFrame);
         }
         let due = self.governor.last_sent().is_none_or(|sent| now.saturating_sub(sent) >= ZERO_PERIOD);
-        if due && !self.governor.is_moving() {
+        if due && !self.governor.is_servoing() {
             self.brake(self.halted.unwrap_or(status), now);
         }
         None
     }
 
     fn publish(&mut self, message: TwistMessage) -> TwistMessage {
+        let message = TwistMessage { valid_ms: self.valid_ms(), ..message };
         (self.publish)(&message);
         self.last = message;
         message
@@ -134,7 +172,7 @@ mod tests {
         let sink = Arc::clone(&sent);
         let publish = Box::new(move |message: &TwistMessage| sink.lock().expect("whole").push(*message));
         let governor = Governor::new(None, ms(300), ms(66));
-        (Outlet::new(governor, TwistMessage::zero(Status::Ready), publish), sent)
+        (Outlet::new(governor, TwistMessage::zero(Status::Ready), publish, ms(0)), sent)
     }
 
     fn servoing() -> TwistMessage {
@@ -144,7 +182,7 @@ mod tests {
     #[test]
     fn silence_brakes_once_and_then_repeats_zeros_at_ten_hertz() {
         let (mut outlet, sent) = outlet();
-        outlet.send(servoing(), ms(0), ms(5));
+        outlet.send(servoing(), Received::at(ms(0)), ms(5));
         let braked: Vec<u64> = (5..=1000).filter(|&t| outlet.tick(Status::Servoing, ms(t)).is_some()).collect();
         assert_eq!(braked, [301], "the first millisecond after the watchdog");
         let sent = sent.lock().expect("whole");
@@ -156,7 +194,7 @@ mod tests {
     #[test]
     fn a_twist_that_was_computed_too_late_goes_out_as_zeros() {
         let (mut outlet, _) = outlet();
-        let message = outlet.send(servoing(), ms(0), ms(301));
+        let message = outlet.send(servoing(), Received::at(ms(0)), ms(301));
         assert_eq!((message.status, message.twist), (Status::StaleFrame, [0.0; 6]));
     }
 
@@ -164,28 +202,63 @@ mod tests {
     fn a_halted_outlet_sends_nothing_but_zeros() {
         let (mut outlet, _) = outlet();
         outlet.halt(Some(Status::Stopped), ms(0));
-        let message = outlet.send(servoing(), ms(1), ms(2));
+        let message = outlet.send(servoing(), Received::at(ms(1)), ms(2));
         assert_eq!((message.status, message.twist), (Status::Stopped, [0.0; 6]));
         outlet.halt(None, ms(3));
-        assert_eq!(outlet.send(servoing(), ms(4), ms(5)).status, Status::Servoing);
+        assert_eq!(outlet.send(servoing(), Received::at(ms(4)), ms(5)).status, Status::Servoing);
     }
 
     #[test]
     fn without_a_clock_that_brakes_nothing_moves() {
         let (mut outlet, _) = outlet();
-        outlet.tick(Status::Ready, ms(0));
-        assert_eq!(outlet.send(servoing(), ms(300), ms(300)).status, Status::Servoing);
-        let message = outlet.send(servoing(), ms(301), ms(301));
-        assert_eq!((message.status, message.twist), (Status::StaleFrame, [0.0; 6]));
+        assert_eq!(outlet.send(servoing(), Received::at(ms(300)), ms(300)).status, Status::Servoing);
+        let message = outlet.send(servoing(), Received::at(ms(301)), ms(301));
+        assert_eq!(
+            (message.status, message.twist),
+            (Status::StaleFrame, [0.0; 6]),
+            "it has not looked since it was made"
+        );
+        outlet.tick(Status::Ready, ms(400));
+        assert_eq!(outlet.send(servoing(), Received::at(ms(700)), ms(700)).status, Status::Servoing);
+        assert_eq!(outlet.send(servoing(), Received::at(ms(701)), ms(701)).status, Status::StaleFrame);
     }
 
     #[test]
-    fn after_a_pause_only_a_capture_time_tells_the_age() {
+    fn after_a_pause_only_a_clock_that_was_known_before_tells_the_age() {
         let (mut outlet, _) = outlet();
-        outlet.doubt(ms(1000));
-        let timed = TwistMessage { capture_time_ns: 1, ..servoing() };
-        assert_eq!(outlet.send(servoing(), ms(1299), ms(1299)).status, Status::StaleFrame);
-        assert_eq!(outlet.send(timed, ms(1299), ms(1299)).status, Status::Servoing);
-        assert_eq!(outlet.send(servoing(), ms(1300), ms(1300)).status, Status::Servoing);
+        outlet.tick(Status::Ready, ms(1000));
+        outlet.doubt(ms(400), ms(1000));
+        let known = |since| Received { at: ms(1299), clock_known_since: since };
+        assert_eq!(outlet.send(servoing(), known(None), ms(1299)).status, Status::StaleFrame);
+        assert_eq!(outlet.send(servoing(), known(Some(ms(401))), ms(1299)).status, Status::StaleFrame);
+        assert_eq!(outlet.send(servoing(), known(Some(ms(400))), ms(1299)).status, Status::Servoing);
+        assert!(!outlet.is_awake(ms(1299), ms(1299)) && outlet.is_awake(ms(1300), ms(1300)));
+        assert_eq!(outlet.send(servoing(), Received::at(ms(1300)), ms(1300)).status, Status::Servoing);
+    }
+
+    #[test]
+    fn repeated_zeros_say_which_frame_was_the_last_and_nothing_else_of_it() {
+        let (mut outlet, sent) = outlet();
+        let flags = TwistFlags { step_capped: true, ..TwistFlags::default() };
+        let answer =
+            TwistMessage { sequence: 7, capture_time_ns: 9, epoch: 3, pixel_mse: 0.5, order: 4, flags, ..servoing() };
+        outlet.send(answer, Received::at(ms(0)), ms(1));
+        outlet.tick(Status::WaitingFrame, ms(301));
+        let sent = sent.lock().expect("whole");
+        let [answer, zeros] = sent[..] else { panic!("two messages") };
+        assert_eq!((answer.valid_ms, answer.flags.step_capped, answer.pixel_mse), (300, true, 0.5));
+        assert_eq!((zeros.sequence, zeros.capture_time_ns, zeros.epoch, zeros.valid_ms), (7, 9, 3, 300));
+        assert_eq!((zeros.order, zeros.flags), (0, TwistFlags::default()));
+        assert!(zeros.pixel_mse.is_nan() && zeros.twist.iter().all(|component| component.to_bits() == 0));
+    }
+
+    #[test]
+    fn a_twist_of_zeros_is_not_called_silence_before_the_watchdog_time() {
+        let (mut outlet, sent) = outlet();
+        let standing = TwistMessage { twist: [0.0; 6], ..servoing() };
+        outlet.send(standing, Received::at(ms(0)), ms(0));
+        let braked: Vec<u64> = (1..=400).filter(|&t| outlet.tick(Status::WaitingFrame, ms(t)).is_some()).collect();
+        assert_eq!(braked, [301]);
+        assert_eq!(sent.lock().expect("whole").len(), 2);
     }
 }

@@ -5,7 +5,7 @@
 
 use std::borrow::Cow;
 
-use domvs_proto::frame::{FrameError, FrameHeader, HEADER_AND_SECRET_BYTES};
+use domvs_proto::frame::{FrameError, FrameHeader, HEADER_AND_SECRET_BYTES, HEADER_BYTES, PixelFormat};
 use zenoh::bytes::ZBytes;
 
 /// The bytes of a frame. Cheap to copy.
@@ -86,6 +86,17 @@ pub fn header_of(attachment: Option<&ZBytes>) -> Result<FrameHeader, FrameError>
         filled += piece.len();
     }
     FrameHeader::from_attachment(Some(bytes))
+}
+
+/// Of a header that cannot be read, what an answer echoes: as far as it is there, the sequence and the capture time, and nothing else.
+pub fn echo_of(attachment: Option<&ZBytes>) -> FrameHeader {
+    let (mut room, mut filled) = ([0; HEADER_BYTES], 0);
+    for (to, byte) in room.iter_mut().zip(attachment.into_iter().flat_map(ZBytes::slices).flatten()) {
+        *to = *byte;
+        filled += 1;
+    }
+    let (sequence, capture_time_ns) = FrameHeader::echo(&room[..filled]);
+    FrameHeader { sequence, capture_time_ns, ..FrameHeader::new(PixelFormat::ByEncoding, 0, 0) }
 }
 
 /// Reads a payload from front to back.
@@ -171,7 +182,7 @@ mod tests {
 
     #[test]
     fn a_header_is_read_from_any_pieces_and_one_too_long_is_refused_for_its_length() {
-        use domvs_proto::frame::{PixelFormat, Secret};
+        use domvs_proto::frame::Secret;
         let secret = Some(Secret::new([7; 16]));
         let header = FrameHeader { sequence: 5, secret, ..FrameHeader::new(PixelFormat::Mono8, 640, 480) };
         let mut bytes = header.encode();
@@ -183,6 +194,9 @@ mod tests {
         bytes.push(0);
         assert_eq!(header_of(Some(&bytes.into())), Err(FrameError::HeaderLength { expected: 64, got: 65 }));
         assert_eq!(header_of(None), Ok(FrameHeader::new(PixelFormat::ByEncoding, 0, 0)));
+        let echo = FrameHeader { sequence: 5, ..FrameHeader::new(PixelFormat::ByEncoding, 0, 0) };
+        assert_eq!(echo_of(Some(&header.encode().into())), echo);
+        assert_eq!(echo_of(None).sequence, 0);
     }
 
     #[test]

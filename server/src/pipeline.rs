@@ -13,9 +13,10 @@ use crate::Moment;
 use crate::age::Age;
 use crate::decode::{DepthRows, invert};
 use crate::governor::limit_speed;
-use crate::law::gain;
+use crate::law::{gain, speed_limits};
 use crate::life::Progress;
-use crate::screen::FLAT_BELOW;
+use crate::outlet::{Outlet, Received, refused};
+use crate::screen::{Gate, Gates, GraySums, Optics};
 use crate::task::{Estimates, Frame, Route, Task, Told};
 
 /// Why a frame moves nothing: the status, and the numbers behind it.
@@ -56,10 +57,55 @@ pub fn on_frame(task: &mut Task, frame: &Frame<'_>, now: Moment) -> TwistMessage
                 task.latch(Status::Internal);
             }
             answer.status = refusal.status;
+            // They say what was done to a twist, and there is none.
+            answer.flags = TwistFlags::default();
             task.detail = refusal.detail;
         }
     }
     answer
+}
+
+/// Sends on `command` what [`on_frame`] has answered to a pushed frame: governed, or as zeros if the world went on meanwhile.
+/// Returns the message as it was sent.
+pub fn send_answer(
+    task: &mut Task,
+    outlet: &mut Outlet,
+    frame: &Frame<'_>,
+    answer: TwistMessage,
+    now: Moment,
+) -> TwistMessage {
+    let late = is_past_deadline(frame.header.deadline_us, now.saturating_sub(frame.received));
+    let in_time = if answer.is_servoing() && late { refused(answer, Status::DeadlineMissed) } else { answer };
+    let clock_known_since = task.clock_known_since().filter(|_| frame.header.capture_time_ns != 0);
+    let sent = outlet.send(in_time, Received { at: frame.received, clock_known_since }, now);
+    let twist = Twist::from_array(sent.twist);
+    task.commanded(twist);
+    if answer.is_servoing() {
+        task.told(twist);
+    }
+    sent
+}
+
+/// Looks once more before a request is answered: the computation took time, and the world went on. `halted` is a status that waits to
+/// be latched.
+pub fn recheck(
+    answer: TwistMessage,
+    outlet: &Outlet,
+    frame: &Frame<'_>,
+    halted: Option<Status>,
+    now: Moment,
+) -> TwistMessage {
+    if !answer.is_servoing() {
+        return answer;
+    }
+    if let Some(status) = halted {
+        return refused(answer, status);
+    }
+    if is_past_deadline(frame.header.deadline_us, now.saturating_sub(frame.received)) {
+        return refused(answer, Status::DeadlineMissed);
+    }
+    // What came while the process stood still may have waited for as long as it did.
+    if outlet.is_awake(frame.received, now) { answer } else { refused(answer, Status::StaleFrame) }
 }
 
 /// The steps in their order; diagnostics are noted in `answer` on the way.
@@ -81,16 +127,18 @@ fn compute(task: &mut Task, frame: &Frame<'_>, now: Moment, answer: &mut TwistMe
     }
     let target = task.target.as_mut().ok_or(Status::WaitingTarget)?;
     check_size(decoded.image, &task.settings)?;
-    check_texture(decoded.contrast)?;
+    check_texture(&mut task.gates, decoded.sums)?;
     let mut image = &*decoded.image;
     if frame.route == Route::Pushed {
+        let watchdog = Duration::from_millis(u64::from(task.settings.watchdog_ms()));
         let focal_px = task.settings.camera.fx.max(task.settings.camera.fy);
-        if task.freeze.is_frozen(decoded.image, frame.received, focal_px, target.typical_depth_m) {
+        let optics = Optics { focal_px, depth_m: target.typical_depth_m };
+        if task.freeze.is_frozen(decoded.image, frame.received, watchdog, optics) {
             return Err(Status::FrozenFrame.into());
         }
         image = task.freeze.newest().unwrap_or(decoded.image);
     }
-    let current_filled = update_depth(&mut target.depth, &task.settings, decoded.depth)?;
+    let current_filled = update_depth(&mut target.depth, &mut task.gates.known_depth, &task.settings, decoded.depth)?;
 
     // Checked settings cannot make a gain that the law refuses.
     target
@@ -107,10 +155,7 @@ fn compute(task: &mut Task, frame: &Frame<'_>, now: Moment, answer: &mut TwistMe
     target.told = Some(Told { twist: Twist::ZERO, received: frame.received });
     task.estimates = estimates(&step, &task.settings);
     note(answer, &step, current_filled || target.filled || task.estimates.depth_scale.is_some());
-    if step.rank_deficient {
-        let detail = format!("the image fixes {} of the free degrees of freedom", step.rank);
-        return Err(Refusal::because(Status::RankDeficient, detail));
-    }
+    check_rank(&mut task.gates.singular_ratio, &step)?;
     if !step.twist.to_array().iter().all(|component| component.is_finite()) {
         return Err(Refusal::because(Status::Internal, "the law made a twist that is not finite"));
     }
@@ -141,7 +186,7 @@ fn check_time(task: &mut Task, frame: &Frame<'_>, now: Moment) -> Result<(), Ref
 }
 
 /// Whether an answer after `waited` comes too late for the one who asked; a deadline of 0 is none.
-pub fn is_past_deadline(deadline_us: u32, waited: Duration) -> bool {
+fn is_past_deadline(deadline_us: u32, waited: Duration) -> bool {
     deadline_us > 0 && waited > Duration::from_micros(u64::from(deadline_us))
 }
 
@@ -166,17 +211,39 @@ fn check_size(image: &Plane<f32>, settings: &TaskSettings) -> Result<(), Refusal
     Err(Refusal::because(Status::BadFrame, detail))
 }
 
-fn check_texture(contrast: f64) -> Result<(), Refusal> {
-    if contrast >= FLAT_BELOW {
-        return Ok(());
-    }
-    let detail = format!("the contrast of the image must be at least {FLAT_BELOW}, got {contrast:.4}");
-    Err(Refusal::because(Status::LowTexture, detail))
+/// Black, white and flat pictures.
+fn check_texture(gates: &mut Gates, sums: GraySums) -> Result<(), Refusal> {
+    let (contrast, unclipped) = (sums.contrast(), sums.unclipped());
+    // Both are judged, so that each knows on which side of its threshold the last picture was.
+    let (has_contrast, has_grays) = (gates.contrast.check(contrast), gates.unclipped.check(unclipped));
+    has_contrast.map_err(|asked| {
+        let detail = format!("the contrast of the image must be at least {asked}, got {contrast:.4}");
+        Refusal::because(Status::LowTexture, detail)
+    })?;
+    has_grays.map_err(|asked| {
+        let detail = format!(
+            "the share of pixels that are not black, and of those that are not white, must be at least {asked}, got {unclipped:.4}"
+        );
+        Refusal::because(Status::LowTexture, detail)
+    })
+}
+
+/// Whether all free degrees show in the image, by a margin if they did not before.
+fn check_rank(gate: &mut Gate, step: &Step) -> Result<(), Refusal> {
+    let margin = gate.check(if step.rank_deficient { 0.0 } else { step.singular_ratio });
+    margin.map_err(|asked| {
+        let detail = format!(
+            "the image fixes {} of the free degrees of freedom; the ratio of the singular values must be at least {asked}, got {:.1e}",
+            step.rank, step.singular_ratio
+        );
+        Refusal::because(Status::RankDeficient, detail)
+    })
 }
 
 /// Brings the current view's depth up to date; says whether any of it was filled in.
 fn update_depth(
     depth: &mut Depth<f32>,
+    gate: &mut Gate,
     settings: &TaskSettings,
     plane: Option<DepthRows<'_>>,
 ) -> Result<bool, Refusal> {
@@ -200,8 +267,11 @@ fn update_depth(
     made.map_err(|error| no_depth(error.to_string()))?;
     let Depth::Map(map) = depth else { return Ok(false) };
     let (unknown, pixels) = (map.unknown(), map.holes().len());
-    if fallback_m.is_none() && 2 * unknown > pixels {
-        return Err(no_depth(format!("the depth of {unknown} of {pixels} pixels is unknown, more than half")));
+    if fallback_m.is_none() {
+        let known = 1.0 - unknown as f64 / pixels as f64;
+        gate.check(known).map_err(|asked| {
+            no_depth(format!("the depth of {unknown} of {pixels} pixels is unknown; a share of {asked} must be known"))
+        })?;
     }
     Ok(unknown > 0)
 }
@@ -242,8 +312,8 @@ fn note(answer: &mut TwistMessage, step: &Step, depth_filled: bool) {
 }
 
 fn limited(twist: Twist, settings: &TaskSettings, answer: &mut TwistMessage) -> Twist {
-    let Some(limits) = settings.limits else { return twist };
-    let (twist, speed_limited) = limit_speed(twist, limits.linear_m_per_s, limits.angular_rad_per_s);
+    let Some(limits) = speed_limits(settings) else { return twist };
+    let (twist, speed_limited) = limit_speed(twist, limits);
     answer.flags.speed_limited = speed_limited;
     twist
 }

@@ -219,7 +219,7 @@ fn new_desk(shared: &Arc<Shared>, seed: Seed) -> zenoh::Result<Desk> {
     Ok(Desk {
         twist_key: KeyExpr::try_from(shared.keys.twist(&key))?,
         publications: Publications::declare(&shared.session, &shared.keys, &key)?,
-        outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?)),
+        outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?, born)),
         board: Mutex::new(Board::new(key.clone(), task.status(), epoch, born)),
         mailbox: Mailbox::new(shared.config.mailbox_depth, shared.config.limits.bytes_per_payload),
         frames_need_secret: AtomicBool::new(settings.frame_secret),
@@ -233,6 +233,7 @@ fn new_desk(shared: &Arc<Shared>, seed: Seed) -> zenoh::Result<Desk> {
         target_bytes: Mutex::new(None),
         shared: Arc::clone(shared),
         halt: Mutex::new(None),
+        halt_asked: Mutex::new(Moment::ZERO),
         lease_watch: Mutex::new(LeaseWatch::default()),
         lease: Mutex::default(),
         closing: AtomicBool::new(false),

@@ -17,7 +17,7 @@ use crate::decode::{DecodeLimits, Decoder, DepthRows, invert, weights};
 use crate::law::{intrinsics, law};
 use crate::life::Life;
 use crate::payload::Payload;
-use crate::screen::{FLAT_BELOW, FreezeDetector};
+use crate::screen::{CONTRAST, FreezeDetector, Gates, GraySums, UNCLIPPED};
 
 /// How a frame came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +52,7 @@ pub struct Task {
     pub(crate) target: Option<Target>,
     pub(crate) age: AgeEstimator,
     pub(crate) freeze: FreezeDetector,
+    pub(crate) gates: Gates,
     /// The numbers behind the last refusal.
     pub(crate) detail: Option<String>,
     pub(crate) sequence: u64,
@@ -128,6 +129,7 @@ impl Task {
             target: None,
             age: AgeEstimator::default(),
             freeze: FreezeDetector::default(),
+            gates: Gates::default(),
             detail: None,
             sequence: 0,
             estimates: Estimates::default(),
@@ -183,6 +185,11 @@ impl Task {
         }
     }
 
+    /// Since when the clock of the source whose frames carry capture times has been known; `None` before the first.
+    pub fn clock_known_since(&self) -> Option<Moment> {
+        self.age.known_since()
+    }
+
     /// Good steps since `start`.
     pub fn iterations(&self) -> u64 {
         self.life.iterations()
@@ -218,6 +225,7 @@ impl Task {
                 }
                 // What stood still before this word proves nothing about the camera after it.
                 self.freeze = FreezeDetector::default();
+                self.gates = Gates::default();
                 self.detail = None;
                 Ok(self.life.status())
             }
@@ -251,6 +259,7 @@ impl Task {
         self.estimates = Estimates::default();
         self.life.target_set();
         self.freeze = FreezeDetector::default();
+        self.gates = Gates::default();
         self.detail = None;
         Ok(self.life.status())
     }
@@ -266,6 +275,7 @@ impl Task {
         if let Some(target) = self.target.as_ref().filter(|_| needs_new_law(&self.settings, &settings)) {
             self.target = Some(self.make_target(target.sent.clone(), &settings)?);
             self.estimates = Estimates::default();
+            self.gates = Gates::default();
             self.life.law_changed();
         }
         self.settings = settings;
@@ -293,12 +303,7 @@ impl Task {
         if settings.preprocess.invert {
             invert(&mut image);
         }
-        let contrast = decoded.contrast;
-        if contrast < FLAT_BELOW {
-            return Err(bad(&format!(
-                "the target is flat: its contrast must be at least {FLAT_BELOW}, got {contrast:.4}"
-            )));
-        }
+        check_fit(decoded.sums).map_err(|error| bad(&error))?;
         let (depth, filled) = target_depth(settings.depth, decoded.depth).map_err(|error| bad(&error))?;
         let law = law(settings).map_err(|error| bad(&error))?;
         let intrinsics = intrinsics(&camera).map_err(|error| bad(&error))?;
@@ -315,6 +320,21 @@ impl Task {
     pub fn watchdog(&self) -> Duration {
         Duration::from_millis(u64::from(self.settings.watchdog_ms()))
     }
+}
+
+/// A target is judged by the same numbers as a frame, without their other side: nothing was refused before.
+fn check_fit(sums: GraySums) -> Result<(), String> {
+    let (contrast, unclipped) = (sums.contrast(), sums.unclipped());
+    let (least, least_unclipped) = (CONTRAST.refuse_below, UNCLIPPED.refuse_below);
+    if contrast < least || contrast.is_nan() {
+        return Err(format!("the target is flat: its contrast must be at least {least}, got {contrast:.4}"));
+    }
+    if unclipped < least_unclipped {
+        return Err(format!(
+            "the target is black or white: the share of other pixels must be at least {least_unclipped}, got {unclipped:.4}"
+        ));
+    }
+    Ok(())
 }
 
 /// Whether the law made for the one cannot serve the other. The gain is set with each frame.

@@ -39,6 +39,8 @@ pub struct Solution {
     pub gauss_newton: [f64; 6],
     /// Directions seen, of the free degrees.
     pub rank: usize,
+    /// Smallest over largest singular value of the column-scaled `L̂`, over the free degrees, from 0 to 1: what the rank is judged by.
+    pub singular_ratio: f64,
     /// Of `L̂` over the free degrees, unscaled; infinite when it is singular.
     pub condition_number: f64,
 }
@@ -67,7 +69,8 @@ impl NormalEquations {
             }
         }
         let gauss_newton = step.component_mul(&scale).into();
-        Solution { gauss_newton, rank, condition_number: self.condition_number(free) }
+        let singular_ratio = singular_ratio(eigen.eigenvalues.into(), free);
+        Solution { gauss_newton, rank, singular_ratio, condition_number: self.condition_number(free) }
     }
 
     /// One over each free column's length; 0 for a column that is not free or not seen.
@@ -91,6 +94,13 @@ impl NormalEquations {
         let (smallest, largest) = (eigenvalues.min(), eigenvalues.max());
         if smallest > 0.0 { (largest / smallest).sqrt() } else { f64::INFINITY }
     }
+}
+
+/// Square root of the smallest over the largest eigenvalue. A degree that is not free has left a zero behind, the smallest of all.
+fn singular_ratio(mut eigenvalues: [f64; 6], free: [bool; 6]) -> f64 {
+    eigenvalues.sort_by(|a, b| b.total_cmp(a));
+    let (largest, smallest) = (eigenvalues[0], eigenvalues[free.iter().filter(|free| **free).count().max(1) - 1]);
+    if smallest > 0.0 { (smallest / largest).sqrt() } else { 0.0 }
 }
 
 /// Shortens a step so that neither part is longer than its bound, with one scale for both; says whether it had to.
@@ -158,7 +168,19 @@ mod tests {
     #[test]
     fn a_column_of_rounding_errors_is_not_seen() {
         let solution = equations([0.0; 6], |i, j| wave(i, j) * if j == 5 { 1e-9 } else { 1.0 }).solve(ALL);
-        assert_eq!((solution.rank, solution.gauss_newton[5]), (5, 0.0));
+        assert_eq!((solution.rank, solution.gauss_newton[5], solution.singular_ratio), (5, 0.0, 0.0));
+    }
+
+    #[test]
+    fn the_rank_is_lost_where_the_singular_ratio_says_so() {
+        for (apart, full) in [(1e-1, true), (1e-2, true), (1e-6, false)] {
+            let solution =
+                equations(STEP, |i, j| if j == 5 { wave(i, 0) + apart * wave(i, 5) } else { wave(i, j) }).solve(ALL);
+            assert_eq!(solution.rank == 6, full, "{apart}");
+            assert_eq!(solution.singular_ratio > SMALLEST_SINGULAR_RATIO, full, "{}", solution.singular_ratio);
+        }
+        let free = [true, true, false, true, true, false];
+        assert!(equations(STEP, wave).solve(free).singular_ratio > 1e-2, "what is not free does not count");
     }
 
     #[test]
@@ -179,6 +201,7 @@ mod tests {
     fn nothing_seen_is_a_zero_step_of_rank_zero() {
         let solution = equations([0.0; 6], |_, _| 0.0).solve(ALL);
         assert_eq!((solution.gauss_newton, solution.rank, solution.condition_number), ([0.0; 6], 0, f64::INFINITY));
+        assert_eq!(solution.singular_ratio, 0.0);
     }
 
     #[test]

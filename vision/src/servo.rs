@@ -82,6 +82,8 @@ pub struct Step {
     pub rank: usize,
     /// Whether some free direction is not seen.
     pub rank_deficient: bool,
+    /// How far from that: smallest over largest singular value, columns scaled; deficient at [`crate::control::SMALLEST_SINGULAR_RATIO`].
+    pub singular_ratio: f64,
     /// With light columns: `[gain, offset, gain slope u, gain slope v, offset slope u, offset slope v]` of the current image over
     /// the desired one, as the change from `[0, 0, …]`: a gain of -0.3 is 30 % darker.
     pub light: Option<[f64; 6]>,
@@ -192,6 +194,7 @@ impl<T: Sample> Servo<T> {
             condition_number: solution.condition_number,
             rank: solution.rank,
             rank_deficient,
+            singular_ratio: solution.singular_ratio,
             light,
             depth_scale,
             used_fraction: self.weights.share(),

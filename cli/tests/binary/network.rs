@@ -17,17 +17,22 @@ impl Drop for Background {
 }
 
 /// A service on a port of its own.
-struct Place {
-    endpoint: String,
-    _service: Background,
+pub struct Place {
+    pub endpoint: String,
+    service: Background,
 }
 
 impl Place {
-    fn start() -> Place {
+    pub fn start() -> Place {
         let port = TcpListener::bind(("127.0.0.1", 0)).unwrap().local_addr().unwrap();
         let endpoint = format!("tcp/{port}");
         let service = spawn(&["serve", "--listen", &endpoint]);
-        Place { endpoint, _service: service }
+        Place { endpoint, service }
+    }
+
+    /// The service's number among the processes.
+    pub fn process(&self) -> u32 {
+        self.service.0.id()
     }
 
     fn run(&self, arguments: &[&str]) -> Output {

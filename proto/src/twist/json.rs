@@ -32,7 +32,8 @@ impl TwistMessage {
     /// The message as JSON text. As in `encode`, what would be refused is sent as zeros with `internal`.
     pub fn to_json(&self) -> String {
         let refused = self.check().is_err();
-        let (status, twist) = if refused { (Status::Internal, [0.0; 6]) } else { (self.status, self.twist) };
+        let status = if refused { Status::Internal } else { self.status };
+        let twist = if status == Status::Servoing { self.twist } else { [0.0; 6] };
         let finite = |number: f64| number.is_finite().then_some(number);
         let json = TwistJson {
             version: WIRE_VERSION,

@@ -440,7 +440,7 @@ fn a_frame_in_any_pieces_is_the_same_frame() {
         let decode = |payload: Payload<'_>| {
             let mut decoder = Decoder::new();
             let decoded = decoder.decode(Some(header), encoding, payload, LIMITS).unwrap();
-            (decoded.image.clone(), decoded.contrast, decoded.depth.map(DepthRows::to_plane))
+            (decoded.image.clone(), decoded.sums.contrast(), decoded.depth.map(DepthRows::to_plane))
         };
         let whole = decode(bytes.into());
         for length in [1, 13, 26, 64] {

@@ -3,11 +3,13 @@
 use std::time::{Duration, Instant};
 
 use domvs_proto::settings::{Frames, Gain, Lease, Stop};
+use domvs_server::ServerConfig;
+use zenoh::qos::CongestionControl;
 use zenoh::sample::SampleKind;
 
 use crate::support::{
-    Client, Following, Question, Scene, Stage, Status, TaskSettings, TwistMessage, ZEROS, becomes_unknown, in_time,
-    next_status, push, started,
+    Client, Following, LIMIT, Question, Scene, Stage, Status, TaskSettings, TwistMessage, ZEROS, becomes_unknown,
+    in_time, next_status, push, started,
 };
 
 #[tokio::test(flavor = "multi_thread")]
@@ -40,6 +42,43 @@ async fn stop_for_all_latches_every_task_until_each_is_started_again() {
     assert!(push(&tasks[0], &following, &scene.frame(501)).await.is_servoing());
     let other = tasks[1].twist(&scene.frame(502)).await.expect("answered");
     assert_eq!(other.status, Status::Stopped, "one start starts one task");
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_start_that_waited_behind_a_stop_for_all_lifts_nothing() {
+    // One thread, kept busy by somebody else, so that a start waits.
+    let stage = Stage::with(ServerConfig { threads: 1, ..ServerConfig::default() }).await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let [task, busy] = [
+        started(&client, &scene.settings(), &scene.target()).await,
+        started(&client, &scene.settings(), &scene.target()).await,
+    ];
+    let stranger = stage.stranger().await;
+    let secret = task.secret().expect("it was created here").as_bytes().to_vec();
+    // Until it finds the way.
+    Question::on(stage.keys.state(task.key())).ask(&stranger).await;
+    for round in 1..=20 {
+        for sequence in 0..3 {
+            busy.push(&scene.frame(sequence)).await.expect("the session is open");
+        }
+        // On one way and with one priority: the start arrives first, whenever it is obeyed.
+        let start =
+            stranger.get(stage.keys.control(task.key())).payload(r#"{"do": "start"}"#).attachment(secret.clone());
+        let answers = start.timeout(LIMIT).await.expect("the session is open");
+        let stop = stranger.put(stage.keys.stop(), "round").congestion_control(CongestionControl::Block);
+        stop.await.expect("the session is open");
+        in_time("an answer", answers.recv_async()).await.expect("one answer");
+        in_time("stopped", async {
+            while task.twist(&scene.frame(100 * round)).await.expect("answered").status != Status::Stopped {}
+        })
+        .await;
+        for sequence in 1..=3 {
+            let answer = task.twist(&scene.frame(100 * round + sequence)).await.expect("answered");
+            assert_eq!((answer.status, answer.twist), (Status::Stopped, ZEROS), "round {round}");
+        }
+    }
     stage.close().await;
 }
 
