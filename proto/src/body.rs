@@ -77,7 +77,10 @@ mod tests {
     fn a_refusal_keeps_its_beginning_and_its_place_and_not_what_was_refused() {
         let body = format!(r#"{{"do": "{}"}}"#, "ä".repeat(100_000));
         let refused = read::<Control>(body.as_bytes()).expect_err("no such word").to_string();
-        assert!(refused.starts_with("unreadable body: unknown variant") && refused.contains("line 1 column"), "{refused}");
+        assert!(
+            refused.starts_with("unreadable body: unknown variant") && refused.contains("line 1 column"),
+            "{refused}"
+        );
         assert!(refused.chars().count() < 400, "{refused}");
     }
 }

@@ -21,7 +21,14 @@ pub fn header(data: &[u8]) {
     }
     let near = u64::from(header.row_bytes).saturating_mul(header.height.into());
     let plane = u64::from(header.width) * u64::from(header.height);
-    let lengths = [0, 1, near, plane, plane.saturating_mul(3) / 2, plane.saturating_mul(2).saturating_add(header.depth_offset.into())];
+    let lengths = [
+        0,
+        1,
+        near,
+        plane,
+        plane.saturating_mul(3) / 2,
+        plane.saturating_mul(2).saturating_add(header.depth_offset.into()),
+    ];
     for payload in lengths.into_iter().filter_map(|length| usize::try_from(length).ok()) {
         let Ok(layout) = header.layout(payload) else { continue };
         assert!(layout.pixels.start == 0 && layout.pixels.end <= payload);
@@ -41,7 +48,9 @@ pub fn raw(data: &[u8]) {
     match (whole, decode(Some(&header), "", Payload::from(&pieces))) {
         (Ok(whole), Ok(pieces)) => assert_eq!(whole, pieces),
         // In words, for a unit that is NaN is not itself.
-        (whole, pieces) => assert_eq!(whole.err().map(|error| error.to_string()), pieces.err().map(|error| error.to_string())),
+        (whole, pieces) => {
+            assert_eq!(whole.err().map(|error| error.to_string()), pieces.err().map(|error| error.to_string()))
+        }
     }
 }
 

@@ -33,8 +33,7 @@ impl<'a> Bytes<'a> {
 pub fn task(data: &[u8]) {
     let mut bytes = Bytes(data);
     let middle = f64::from(SIDE - 1) / 2.0;
-    let camera =
-        Camera { fx: 30.0, fy: 30.0, cx: middle, cy: middle, width: SIDE, height: SIDE, distortion: None };
+    let camera = Camera { fx: 30.0, fy: 30.0, cx: middle, cy: middle, width: SIDE, height: SIDE, distortion: None };
     let mut task = Task::new(TaskSettings::new(camera), LIMITS);
     let mut now = Duration::from_secs(1);
     for _ in 0..MOST_STEPS {
@@ -94,7 +93,8 @@ fn frame(bytes: &mut Bytes<'_>, settings: &TaskSettings) -> (FrameHeader, Vec<u8
     let [kind, shift, level, extra] = [bytes.byte(), bytes.byte(), bytes.byte(), bytes.byte()];
     let (width, height) = (settings.camera.width.min(64), settings.camera.height.min(64));
     if kind & 7 == 7 {
-        let header = FrameHeader::decode(bytes.take(HEADER_BYTES)).unwrap_or(FrameHeader::new(PixelFormat::Mono8, 1, 1));
+        let header =
+            FrameHeader::decode(bytes.take(HEADER_BYTES)).unwrap_or(FrameHeader::new(PixelFormat::Mono8, 1, 1));
         return (header, bytes.take(usize::from(level) << 4 | usize::from(extra)).to_vec());
     }
     let centre = f64::from(shift) / 16.0;

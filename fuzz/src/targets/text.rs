@@ -19,9 +19,8 @@ const LONGEST_REFUSAL: usize = 1000;
 
 /// The body of `create`, and after a byte 0 the body of a change. What is accepted can be sent again.
 pub fn settings(data: &[u8]) {
-    let (create, patch) = data.iter().position(|byte| *byte == 0).map_or((data, None), |zero| {
-        (&data[..zero], Some(&data[zero + 1..]))
-    });
+    let (create, patch) =
+        data.iter().position(|byte| *byte == 0).map_or((data, None), |zero| (&data[..zero], Some(&data[zero + 1..])));
     let settings = match TaskSettings::from_create_body(create) {
         Ok(settings) => settings,
         Err(error) => return refused(&ErrorReply::from(&error).error),
@@ -71,7 +70,10 @@ pub fn twist(data: &[u8]) {
                 let bytes = message.encode();
                 let again = TwistMessage::decode(&bytes).expect("our own bytes");
                 assert_eq!((again.encode(), again.status, again.twist), (bytes, message.status, message.twist));
-                assert_eq!(TwistMessage::from_json(message.to_json().as_bytes()).map(|read| read.twist), Ok(message.twist));
+                assert_eq!(
+                    TwistMessage::from_json(message.to_json().as_bytes()).map(|read| read.twist),
+                    Ok(message.twist)
+                );
             }
             Err(error) => refused(&error.to_string()),
         }

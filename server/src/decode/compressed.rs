@@ -1,10 +1,11 @@
 //! PNG and JPEG, with their size read, compared and limited before memory is taken for the pixels.
 
 use std::io::Cursor;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use domvs_proto::frame::{self, FrameHeader};
 use image::codecs::png::PngDecoder;
-use image::{ColorType, ImageDecoder, Limits};
+use image::{ColorType, ImageDecoder, ImageError, Limits};
 
 use super::{DecodeError, DecodeLimits, check_pixels, jpeg};
 
@@ -52,26 +53,34 @@ pub(super) fn read(
             let [width, height] = png_size(bytes).ok_or_else(|| codec.undecodable("it does not begin like a PNG"))?;
             check_size(width, height, header, limits)?;
             check_chunks(bytes).map_err(|error| codec.undecodable(error))?;
-            (width, height, read_png(bytes, limits, samples).map_err(|error| codec.undecodable(error))?)
+            let color = guarded(|| read_png(bytes, limits, samples)).map_err(|error| codec.undecodable(error))?;
+            (width, height, color)
         }
         Codec::Jpeg => {
             let outline = jpeg::outline(bytes).map_err(|error| codec.undecodable(error))?;
             check_size(outline.width, outline.height, header, limits)?;
-            let color = jpeg::read(bytes, outline, samples).map_err(|error| codec.undecodable(error))?;
+            let color = guarded(|| jpeg::read(bytes, &outline, samples)).map_err(|error| codec.undecodable(error))?;
             (outline.width, outline.height, color)
         }
     };
     Ok(Picture { width, height, color })
 }
 
+/// What a decoder says of a file; if it panics on it, which is the file's fault as well and no reason for the task to end, that.
+/// What it leaves in the samples is thrown away before the next.
+fn guarded(read: impl FnOnce() -> Result<ColorType, String>) -> Result<ColorType, String> {
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| Err("the decoder failed on it".to_owned()))
+}
+
 /// Decodes a PNG whose size was found to be within the limits.
-fn read_png(bytes: &[u8], limits: DecodeLimits, samples: &mut Vec<u8>) -> image::ImageResult<ColorType> {
-    let decoder = PngDecoder::with_limits(Cursor::new(bytes), image_limits(limits))?;
+fn read_png(bytes: &[u8], limits: DecodeLimits, samples: &mut Vec<u8>) -> Result<ColorType, String> {
+    let said = |error: ImageError| error.to_string();
+    let decoder = PngDecoder::with_limits(Cursor::new(bytes), image_limits(limits)).map_err(said)?;
     let color = decoder.color_type();
     samples.clear();
     // Pixels within the limits times 8 bytes at most.
     samples.resize(decoder.total_bytes() as usize, 0);
-    decoder.read_image(samples)?;
+    decoder.read_image(samples).map_err(said)?;
     Ok(color)
 }
 
@@ -104,16 +113,21 @@ fn png_size(bytes: &[u8]) -> Option<[u32; 2]> {
     Some([u32::from_be_bytes(*width), u32::from_be_bytes(*height)])
 }
 
-/// Fails on more chunks than an encoder makes. What else is wrong with them, the decoder says.
+/// Fails on more chunks than an encoder makes, and on a palette that is none, which the decoder does not check.
+/// What else is wrong with them, the decoder says.
 fn check_chunks(bytes: &[u8]) -> Result<(), String> {
     let (mut rest, mut chunks) = (bytes.get(8..).unwrap_or_default(), 0);
     // A length, a name, the data, a checksum.
     while let Some((length, after)) = rest.split_first_chunk() {
+        let length = u32::from_be_bytes(*length) as usize;
         chunks += 1;
         if chunks > MOST_CHUNKS {
             return Err(format!("at most {MOST_CHUNKS} chunks, got more"));
         }
-        rest = after.get(u32::from_be_bytes(*length) as usize + 8..).unwrap_or_default();
+        if after.starts_with(b"PLTE") && (length % 3 != 0 || length > 3 * 256) {
+            return Err(format!("a palette has up to 256 colours of 3 bytes, got {length} bytes"));
+        }
+        rest = after.get(length + 8..).unwrap_or_default();
     }
     Ok(())
 }

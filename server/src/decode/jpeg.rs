@@ -2,8 +2,14 @@
 //!
 //! A decoder repeats the whole image for every scan that it is told of, and builds every table that it is sent: 20 MB of
 //! empty scans once took it 20 s. So size, scans, tables and segments are counted first, which costs a look at each byte, and
-//! what no camera sends is refused. The decoder itself is told to be strict: it would else fill what it cannot read with gray,
-//! and the camera would be moved by it.
+//! what no camera sends is refused.
+//!
+//! Where coded data ends too early the decoder reads on in zeros, which mean something: the rest of the picture comes out gray, and the
+//! camera would be moved by it. So it is told to be strict, and ones are put where a scan or a part of it ends: no Huffman table of
+//! an encoder has a word of ones only (<https://www.w3.org/Graphics/JPEG/itu-t81.pdf>, K.2), and an error is a bad frame.
+
+use std::borrow::Cow;
+use std::ops::Range;
 
 use image::ColorType;
 use zune_jpeg::JpegDecoder;
@@ -20,30 +26,47 @@ const MOST_SEGMENT_BYTES: usize = 1 << 20;
 /// Bytes of all Huffman and quantisation tables; the largest set for every scan stays below.
 const MOST_TABLE_BYTES: usize = 64 << 10;
 
+/// Ones behind the coded data of a scan: more bits than the decoder looks ahead.
+const ONES: [u8; 16] = [0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0];
+/// Restarts of which each gets its ones; a camera makes one for each row of blocks, or none.
+const MOST_RESTARTS: usize = 1 << 14;
+
 /// What the markers say.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Outline {
     pub width: u32,
     pub height: u32,
     pub scans: usize,
+    /// The coded data of a picture that has all of it in one piece: not of a progressive one, whose decoder takes the first scan's
+    /// end from what it has looked ahead.
+    pub coded: Option<Range<usize>>,
 }
 
 /// Walks the markers from the first to the end of the image; what comes behind it is not looked at. Fails on a file that is
 /// cut off, that holds what a decoder might read in another way, or that asks for more work than a camera's picture.
 pub(super) fn outline(bytes: &[u8]) -> Result<Outline, String> {
     let rest = bytes.strip_prefix(b"\xff\xd8").ok_or("it does not begin like a JPEG")?;
-    let mut walk = Walk { rest, size: None, scans: 0, segments: 0, segment_bytes: 0, table_bytes: 0 };
+    let mut walk = Walk { rest, ..Walk::default() };
     while walk.one_segment()? {}
+    let scans = walk.scans;
     match walk.size {
-        Some([width, height]) if walk.scans > 0 => Ok(Outline { width, height, scans: walk.scans }),
+        Some([width, height]) if scans > 0 => {
+            let in_one_piece = scans == 1 && !walk.progressive;
+            let coded = in_one_piece.then(|| bytes.len() - walk.coded.0..bytes.len() - walk.coded.1);
+            Ok(Outline { width, height, scans, coded })
+        }
         _ => Err("it ends before its image".to_owned()),
     }
 }
 
+#[derive(Default)]
 struct Walk<'a> {
     rest: &'a [u8],
     size: Option<[u32; 2]>,
+    progressive: bool,
     scans: usize,
+    /// How many bytes of the file are left where the last scan's coded data begins and where it ends.
+    coded: (usize, usize),
     segments: usize,
     segment_bytes: usize,
     table_bytes: usize,
@@ -58,7 +81,10 @@ impl<'a> Walk<'a> {
         }
         let segment = self.segment()?;
         match marker {
-            0xc0..=0xc2 => self.frame(segment)?,
+            0xc0..=0xc2 => {
+                self.progressive = marker == 0xc2;
+                self.frame(segment)?;
+            }
             0xc4 => self.tables(segment, huffman_table)?,
             0xdb => self.tables(segment, quantisation_table)?,
             0xdd if segment.len() == 2 => {}
@@ -118,9 +144,11 @@ impl<'a> Walk<'a> {
             return Err(format!("a scan of {components} components has {} bytes", segment.len()));
         }
         count(&mut self.scans, 1, MOST_SCANS, "scans")?;
+        self.coded.0 = self.rest.len();
         loop {
             let at = self.rest.iter().position(|byte| *byte == 0xff).ok_or_else(cut_off)?;
             self.rest = &self.rest[at..];
+            self.coded.1 = self.rest.len();
             match self.rest.get(1) {
                 None => return Err(cut_off()),
                 // A stuffed byte, or a restart.
@@ -143,6 +171,22 @@ fn quantisation_table(bytes: &[u8]) -> Option<usize> {
     Some(1 + 64 * (1 + usize::from(bytes.first()? >> 4)))
 }
 
+/// The file with ones in front of every restart in its coded data, and behind it.
+fn with_ones(bytes: &[u8], coded: Range<usize>) -> Vec<u8> {
+    let mut padded = Vec::with_capacity(bytes.len() + bytes.len() / 8 + ONES.len());
+    let mut copied = 0;
+    let is_restart = |pair: &[u8]| pair[0] == 0xff && (0xd0..=0xd7).contains(&pair[1]);
+    let pairs = bytes[coded.clone()].windows(2).enumerate();
+    let restarts = pairs.filter(|(_, pair)| is_restart(pair)).map(|(at, _)| coded.start + at);
+    for end in restarts.take(MOST_RESTARTS).chain([coded.end]) {
+        padded.extend_from_slice(&bytes[copied..end]);
+        padded.extend_from_slice(&ONES);
+        copied = end;
+    }
+    padded.extend_from_slice(&bytes[copied..]);
+    padded
+}
+
 fn count(sum: &mut usize, more: usize, limit: usize, what: &str) -> Result<(), String> {
     *sum += more;
     if *sum > limit { Err(format!("at most {limit} {what}, got more")) } else { Ok(()) }
@@ -153,14 +197,15 @@ fn cut_off() -> String {
 }
 
 /// Decodes into tight rows of the colour type that is returned. The outline's size was found to be within the limits.
-pub(super) fn read(bytes: &[u8], outline: Outline, samples: &mut Vec<u8>) -> Result<ColorType, String> {
+pub(super) fn read(bytes: &[u8], outline: &Outline, samples: &mut Vec<u8>) -> Result<ColorType, String> {
     let [width, height] = [outline.width as usize, outline.height as usize];
     let options = DecoderOptions::default()
         .set_strict_mode(true)
         .set_max_width(width)
         .set_max_height(height)
         .jpeg_set_max_scans(MOST_SCANS);
-    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+    let bytes = outline.coded.clone().map_or(Cow::Borrowed(bytes), |coded| Cow::Owned(with_ones(bytes, coded)));
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(&*bytes), options);
     decoder.decode_headers().map_err(|error| error.to_string())?;
     let (space, color) = match decoder.input_colorspace() {
         Some(ColorSpace::Luma) => (ColorSpace::Luma, ColorType::L8),
@@ -230,9 +275,10 @@ mod tests {
         ] {
             let bytes = picture(name);
             let found = outline(&bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
-            assert_eq!(found, Outline { width: 24, height: 16, scans }, "{name}");
+            assert_eq!((found.width, found.height, found.scans), (24, 16, scans), "{name}");
+            assert_eq!(found.coded.is_some(), !name.ends_with("progressive"), "{name}");
             let mut samples = vec![];
-            assert_eq!(read(&bytes, found, &mut samples).as_ref(), Ok(&color), "{name}");
+            assert_eq!(read(&bytes, &found, &mut samples).as_ref(), Ok(&color), "{name}");
             assert_eq!(samples.len(), 24 * 16 * usize::from(color.bytes_per_pixel()), "{name}");
         }
     }
@@ -244,7 +290,7 @@ mod tests {
         bytes.extend([0; 100]);
         bytes.extend(picture("l"));
         assert_eq!(outline(&bytes).as_ref(), Ok(&found));
-        assert!(read(&bytes, found, &mut vec![]).is_ok());
+        assert!(read(&bytes, &found, &mut vec![]).is_ok());
     }
 
     #[test]
@@ -301,6 +347,32 @@ mod tests {
     }
 
     #[test]
+    fn ones_change_nothing_in_a_whole_picture() {
+        for name in ["l", "rgb", "cmyk", "subsampled_1", "subsampled_2", "restarts", "commented"] {
+            let bytes = picture(name);
+            let found = outline(&bytes).expect("a picture");
+            let (mut with, mut without) = (vec![], vec![]);
+            read(&bytes, &found, &mut with).expect("whole");
+            read(&bytes, &Outline { coded: None, ..found }, &mut without).expect("whole");
+            assert_eq!(with, without, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_picture_that_lost_the_end_of_its_coded_data_is_refused_wherever_it_is_cut() {
+        for name in ["l", "rgb", "cmyk", "subsampled_1", "subsampled_2", "restarts"] {
+            let bytes = picture(name);
+            let coded = outline(&bytes).expect("a picture").coded.expect("in one piece");
+            // A cut behind an ff would leave half a marker, and the last byte may hold nothing but filling bits.
+            for kept in (coded.start..coded.end - 1).filter(|kept| bytes[kept - 1] != 0xff) {
+                let cut = [&bytes[..kept], &bytes[coded.end..]].concat();
+                let found = outline(&cut).expect("every marker is there");
+                assert!(read(&cut, &found, &mut vec![]).is_err(), "{name}, cut at {kept} of {coded:?}");
+            }
+        }
+    }
+
+    #[test]
     fn damage_that_the_decoder_sees_is_an_error_and_no_gray_picture() {
         let bytes = picture("rgb_progressive");
         let found = outline(&bytes).expect("a picture");
@@ -309,6 +381,6 @@ mod tests {
         let (before, _) = cut_at(head, 0xc4);
         let bare = [before, scans].concat();
         assert_eq!(outline(&bare).map(|found| [found.width, found.height]), Ok([found.width, found.height]));
-        assert!(read(&bare, found, &mut vec![]).is_err());
+        assert!(read(&bare, &found, &mut vec![]).is_err());
     }
 }

@@ -324,6 +324,14 @@ fn chunks_without_end_are_refused_before_they_are_read() {
 }
 
 #[test]
+fn a_palette_that_is_none_is_refused_before_the_decoder_trips_over_it() {
+    let found = include_bytes!("../../../fuzz/corpus/png/found-palette_of_49_bytes");
+    let reason = "a palette has up to 256 colours of 3 bytes, got 49 bytes".to_owned();
+    let refused = decode_file("image/png", found).map(|_| ());
+    assert_eq!(refused, Err(DecodeError::Undecodable { encoding: "image/png", reason }));
+}
+
+#[test]
 fn a_cut_off_image_is_refused_wherever_it_is_cut() {
     let bytes = noise(32 * 32 * 3);
     let files =
