@@ -48,10 +48,39 @@ pub fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, BodyError> {
     if bytes.len() > MAX_JSON_BYTES {
         return Err(BodyError::TooLarge { limit_bytes: MAX_JSON_BYTES, got_bytes: bytes.len() });
     }
-    serde_json::from_slice(bytes).map_err(|error| BodyError::Unreadable { reason: error.to_string() })
+    serde_json::from_slice(bytes).map_err(|error| BodyError::Unreadable { reason: shortened(error.to_string()) })
+}
+
+/// What a parser said, with the middle left out where it repeats a long word of the body: a refusal is read by people and
+/// kept in logs, and must not grow with what was refused.
+pub(crate) fn shortened(reason: String) -> String {
+    const KEPT: usize = 160;
+    let characters = reason.chars().count();
+    if characters <= 2 * KEPT {
+        return reason;
+    }
+    let (first, last) = (reason.chars().take(KEPT), reason.chars().skip(characters - KEPT));
+    first.chain(" … ".chars()).chain(last).collect()
 }
 
 /// Writes a JSON body: one line, no trailing newline.
 pub fn write<T: Serialize>(message: &T) -> Vec<u8> {
     serde_json::to_vec(message).expect("messages have text keys and no failing serializer")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::messages::Control;
+
+    #[test]
+    fn a_refusal_keeps_its_beginning_and_its_place_and_not_what_was_refused() {
+        let body = format!(r#"{{"do": "{}"}}"#, "ä".repeat(100_000));
+        let refused = read::<Control>(body.as_bytes()).expect_err("no such word").to_string();
+        assert!(
+            refused.starts_with("unreadable body: unknown variant") && refused.contains("line 1 column"),
+            "{refused}"
+        );
+        assert!(refused.chars().count() < 400, "{refused}");
+    }
 }

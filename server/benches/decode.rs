@@ -2,6 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a benchmark stops where something that must hold does not")]
 
+mod worst;
+
 use std::hint::black_box;
 use std::io::Cursor;
 use std::time::Duration;
@@ -79,6 +81,21 @@ fn decode(criterion: &mut Criterion) {
     }
 }
 
+fn hostile(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("worst");
+    group.sample_size(10);
+    for (name, encoding, file) in [
+        ("png 16-bit noise", PNG, worst::noisy_png()),
+        ("jpeg refining", JPEG, worst::refining_jpeg()),
+        ("jpeg idle", JPEG, worst::idle_jpeg()),
+    ] {
+        let mut decoder = Decoder::new();
+        group.bench_function(BenchmarkId::from_parameter(format!("{name}, {} bytes", file.len())), |bencher| {
+            bencher.iter(|| black_box(decoder.decode(None, encoding, Payload::from(&file), LIMITS).unwrap().contrast));
+        });
+    }
+}
+
 fn encode(criterion: &mut Criterion) {
     let twist = TwistMessage { twist: [0.1, -0.2, 0.3, 0.01, 0.02, -0.03], ..TwistMessage::zero(Status::Servoing) };
     criterion.bench_function("encode/twist", |bencher| bencher.iter(|| black_box(&twist).encode()));
@@ -89,6 +106,6 @@ fn encode(criterion: &mut Criterion) {
 criterion_group! {
     name = benches;
     config = Criterion::default().warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
-    targets = decode, encode
+    targets = decode, hostile, encode
 }
 criterion_main!(benches);

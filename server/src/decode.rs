@@ -18,6 +18,7 @@
 mod compressed;
 mod depth;
 mod gray;
+mod jpeg;
 mod preprocess;
 #[cfg(test)]
 mod tests;

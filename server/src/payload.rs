@@ -75,17 +75,18 @@ impl<'a> From<&'a ZBytes> for Payload<'a> {
 /// The header of a frame, from its attachment, as [`FrameHeader::from_attachment`] has it; nothing is allocated whatever pieces it came in.
 pub fn header_of(attachment: Option<&ZBytes>) -> Result<FrameHeader, FrameError> {
     let Some(attachment) = attachment else { return FrameHeader::from_attachment(None) };
-    let mut room = [0; HEADER_AND_SECRET_BYTES];
-    let Some(bytes) = room.get_mut(..attachment.len()) else {
-        // Too long to be one: the error says by how much.
-        return FrameHeader::from_attachment(Some(&attachment.to_bytes()));
-    };
+    // One more than the longest, so that a longer one is seen to be too long.
+    let mut room = [0; HEADER_AND_SECRET_BYTES + 1];
     let mut filled = 0;
     for piece in attachment.slices() {
-        bytes[filled..filled + piece.len()].copy_from_slice(piece);
-        filled += piece.len();
+        let taken = piece.len().min(room.len() - filled);
+        room[filled..filled + taken].copy_from_slice(&piece[..taken]);
+        filled += taken;
     }
-    FrameHeader::from_attachment(Some(bytes))
+    FrameHeader::from_attachment(Some(&room[..filled])).map_err(|error| match error {
+        FrameError::HeaderLength { expected, .. } => FrameError::HeaderLength { expected, got: attachment.len() },
+        error => error,
+    })
 }
 
 /// Of a header that cannot be read, what an answer echoes: as far as it is there, the sequence and the capture time, and nothing else.
@@ -191,8 +192,11 @@ mod tests {
             bytes.chunks(length).for_each(|piece| writer.append(piece.into()));
             assert_eq!(header_of(Some(&writer.finish())), Ok(header.clone()), "in pieces of {length} bytes");
         }
-        bytes.push(0);
-        assert_eq!(header_of(Some(&bytes.into())), Err(FrameError::HeaderLength { expected: 64, got: 65 }));
+        for length in [65, 1000] {
+            bytes.resize(length, 0);
+            let refused = header_of(Some(&bytes.clone().into()));
+            assert_eq!(refused, Err(FrameError::HeaderLength { expected: 64, got: length }));
+        }
         assert_eq!(header_of(None), Ok(FrameHeader::new(PixelFormat::ByEncoding, 0, 0)));
         let echo = FrameHeader { sequence: 5, ..FrameHeader::new(PixelFormat::ByEncoding, 0, 0) };
         assert_eq!(echo_of(Some(&header.encode().into())), echo);

@@ -118,6 +118,9 @@ impl SentTarget {
     }
 }
 
+/// The Encoding is kept with the target; bytes.
+const LONGEST_ENCODING: usize = 256;
+
 impl Task {
     /// A task without a target. The settings were checked by whoever made them.
     pub fn new(settings: TaskSettings, limits: DecodeLimits) -> Task {
@@ -249,6 +252,10 @@ impl Task {
 
     /// Takes a desired image. The task keeps its phase; counters and I° start anew. On an error nothing changes.
     pub fn set_target(&mut self, frame: &Frame<'_>) -> Result<Status, ErrorReply> {
+        if frame.encoding.len() > LONGEST_ENCODING {
+            let error = format!("an Encoding may have {LONGEST_ENCODING} bytes, got {}", frame.encoding.len());
+            return Err(ErrorReply::new(ErrorCode::BadTarget, error));
+        }
         let payload = frame.payload.to_bytes().into_owned();
         self.take_target(SentTarget::new(frame.header.clone(), frame.encoding.to_owned(), payload))
     }

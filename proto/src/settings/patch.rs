@@ -126,10 +126,10 @@ fn blame(settings: &Value, error: &serde_json::Error) -> SettingsError {
         let mut one_changed = good.clone();
         one_changed[key] = value.clone();
         if let Err(reason) = serde_json::from_value::<TaskSettings>(one_changed) {
-            return SettingsError::Field { field: short(key), reason: reason.to_string() };
+            return SettingsError::Field { field: short(key), reason: body::shortened(reason.to_string()) };
         }
     }
-    SettingsError::Field { field: "settings".to_owned(), reason: error.to_string() }
+    SettingsError::Field { field: "settings".to_owned(), reason: body::shortened(error.to_string()) }
 }
 
 fn object(value: &Value) -> Result<&Map<String, Value>, SettingsError> {

@@ -1,18 +1,20 @@
 //! PNG and JPEG, with their size read, compared and limited before memory is taken for the pixels.
 
 use std::io::Cursor;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use domvs_proto::frame::{self, FrameHeader};
-use image::codecs::jpeg::JpegDecoder;
 use image::codecs::png::PngDecoder;
-use image::{ColorType, ImageDecoder, ImageResult, Limits};
+use image::{ColorType, ImageDecoder, ImageError, Limits};
 
-use super::{DecodeError, DecodeLimits, check_pixels};
+use super::{DecodeError, DecodeLimits, check_pixels, jpeg};
 
 /// Bytes of a pixel of four 16-bit samples, the largest there is.
 const MOST_BYTES_PER_PIXEL: u64 = 8;
 /// What a decoder may take beside the pixels: its window, a colour profile.
 const WORKING_BYTES: u64 = 4 << 20;
+/// Chunks of a PNG; a decoder keeps and counts each. Encoders that write 8 KiB at a time stay below in 64 MiB.
+const MOST_CHUNKS: usize = 1 << 14;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Codec {
@@ -46,40 +48,40 @@ pub(super) fn read(
     limits: DecodeLimits,
     samples: &mut Vec<u8>,
 ) -> Result<Picture, DecodeError> {
-    match codec {
+    let (width, height, color) = match codec {
         Codec::Png => {
             let [width, height] = png_size(bytes).ok_or_else(|| codec.undecodable("it does not begin like a PNG"))?;
             check_size(width, height, header, limits)?;
-            let decoder = PngDecoder::with_limits(Cursor::new(bytes), image_limits(limits));
-            read_samples(codec, decoder, header, limits, samples)
+            check_chunks(bytes).map_err(|error| codec.undecodable(error))?;
+            let color = guarded(|| read_png(bytes, limits, samples)).map_err(|error| codec.undecodable(error))?;
+            (width, height, color)
         }
         Codec::Jpeg => {
-            if !jpeg_has_its_end(bytes) {
-                return Err(codec.undecodable("its end is missing"));
-            }
-            // This constructor reads headers only; it takes no memory for pixels.
-            read_samples(codec, JpegDecoder::new(Cursor::new(bytes)), header, limits, samples)
+            let outline = jpeg::outline(bytes).map_err(|error| codec.undecodable(error))?;
+            check_size(outline.width, outline.height, header, limits)?;
+            let color = guarded(|| jpeg::read(bytes, &outline, samples)).map_err(|error| codec.undecodable(error))?;
+            (outline.width, outline.height, color)
         }
-    }
+    };
+    Ok(Picture { width, height, color })
 }
 
-fn read_samples<D: ImageDecoder>(
-    codec: Codec,
-    decoder: ImageResult<D>,
-    header: &FrameHeader,
-    limits: DecodeLimits,
-    samples: &mut Vec<u8>,
-) -> Result<Picture, DecodeError> {
-    let mut decoder = decoder.map_err(|error| codec.undecodable(error))?;
-    let (width, height) = decoder.dimensions();
-    check_size(width, height, header, limits)?;
-    decoder.set_limits(image_limits(limits)).map_err(|error| codec.undecodable(error))?;
+/// What a decoder says of a file; if it panics on it, which is the file's fault as well and no reason for the task to end, that.
+/// What it leaves in the samples is thrown away before the next.
+fn guarded(read: impl FnOnce() -> Result<ColorType, String>) -> Result<ColorType, String> {
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| Err("the decoder failed on it".to_owned()))
+}
+
+/// Decodes a PNG whose size was found to be within the limits.
+fn read_png(bytes: &[u8], limits: DecodeLimits, samples: &mut Vec<u8>) -> Result<ColorType, String> {
+    let said = |error: ImageError| error.to_string();
+    let decoder = PngDecoder::with_limits(Cursor::new(bytes), image_limits(limits)).map_err(said)?;
     let color = decoder.color_type();
-    let bytes = u64::from(width) * u64::from(height) * u64::from(color.bytes_per_pixel());
     samples.clear();
-    samples.resize(usize::try_from(bytes).map_err(|error| codec.undecodable(error))?, 0);
-    decoder.read_image(samples).map_err(|error| codec.undecodable(error))?;
-    Ok(Picture { width, height, color })
+    // Pixels within the limits times 8 bytes at most.
+    samples.resize(decoder.total_bytes() as usize, 0);
+    decoder.read_image(samples).map_err(said)?;
+    Ok(color)
 }
 
 /// The image's own size must be what the header says (0x0: nothing), not empty, and within the limits.
@@ -111,9 +113,21 @@ fn png_size(bytes: &[u8]) -> Option<[u32; 2]> {
     Some([u32::from_be_bytes(*width), u32::from_be_bytes(*height)])
 }
 
-/// True if an end-of-image marker follows the last start of a scan. Inside a scan a byte `ff` never stands before these
-/// two, and a thumbnail's own end comes before the image's scans.
-fn jpeg_has_its_end(bytes: &[u8]) -> bool {
-    let last = |marker: [u8; 2]| bytes.windows(2).rposition(|pair| pair == marker);
-    last([0xff, 0xda]).is_some_and(|scan| last([0xff, 0xd9]).is_some_and(|end| end > scan))
+/// Fails on more chunks than an encoder makes, and on a palette that is none, which the decoder does not check.
+/// What else is wrong with them, the decoder says.
+fn check_chunks(bytes: &[u8]) -> Result<(), String> {
+    let (mut rest, mut chunks) = (bytes.get(8..).unwrap_or_default(), 0);
+    // A length, a name, the data, a checksum.
+    while let Some((length, after)) = rest.split_first_chunk() {
+        let length = u32::from_be_bytes(*length) as usize;
+        chunks += 1;
+        if chunks > MOST_CHUNKS {
+            return Err(format!("at most {MOST_CHUNKS} chunks, got more"));
+        }
+        if after.starts_with(b"PLTE") && (length % 3 != 0 || length > 3 * 256) {
+            return Err(format!("a palette has up to 256 colours of 3 bytes, got {length} bytes"));
+        }
+        rest = after.get(length + 8..).unwrap_or_default();
+    }
+    Ok(())
 }

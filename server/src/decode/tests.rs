@@ -321,6 +321,26 @@ fn a_decompression_bomb_is_refused_by_its_size_before_memory_is_taken() {
 }
 
 #[test]
+fn chunks_without_end_are_refused_before_they_are_read() {
+    let file = png(&noise(64), 8, 8, ColorType::L8);
+    let (head, image) = file.split_at(33);
+    // A chunk of text without content, and its checksum.
+    let chunk = b"\0\0\0\x02tEXta\0\xac\x8c\x0a\xf3";
+    let with = |chunks: usize| [head, &chunk.repeat(chunks), image].concat();
+    let refused = decode_file("image/png", &with(1 << 14)).map(|_| ());
+    let reason = "at most 16384 chunks, got more".to_owned();
+    assert_eq!(refused, Err(DecodeError::Undecodable { encoding: "image/png", reason }));
+}
+
+#[test]
+fn a_palette_that_is_none_is_refused_before_the_decoder_trips_over_it() {
+    let found = include_bytes!("../../../fuzz/corpus/png/found-palette_of_49_bytes");
+    let reason = "a palette has up to 256 colours of 3 bytes, got 49 bytes".to_owned();
+    let refused = decode_file("image/png", found).map(|_| ());
+    assert_eq!(refused, Err(DecodeError::Undecodable { encoding: "image/png", reason }));
+}
+
+#[test]
 fn a_cut_off_image_is_refused_wherever_it_is_cut() {
     let bytes = noise(32 * 32 * 3);
     let files =

@@ -1,6 +1,8 @@
 //! Random settings and random frames through the pure task, without a network: whatever comes, every twist is finite,
 //! within the limits, and zero unless the status is `servoing`.
 
+mod corpora;
+
 use std::time::Duration;
 
 use domvs_proto::frame::{DepthFormat, FrameHeader, PixelFormat};

@@ -2,6 +2,7 @@
 //! on the same worker goes on as if nothing had been.
 
 mod bombs;
+mod lies;
 
 use domvs_client::OutgoingFrame;
 use domvs_proto::body::MAX_JSON_BYTES;
@@ -87,6 +88,12 @@ fn bad_json() -> Vec<(&'static str, Vec<u8>, ErrorCode)> {
         ("two values", br#"{"do": "start"} {}"#.to_vec(), ErrorCode::BadJson),
         ("NaN", b"NaN".to_vec(), ErrorCode::BadJson),
         ("zeros", vec![0; 16], ErrorCode::BadJson),
+        ("a byte order mark", b"\xef\xbb\xbf{\"do\": \"start\"}".to_vec(), ErrorCode::BadJson),
+        ("a byte 0 at the end", b"{\"do\": \"start\"}\0".to_vec(), ErrorCode::BadJson),
+        ("half a surrogate pair", br#"{"do": "start", "\ud800": 1}"#.to_vec(), ErrorCode::BadJson),
+        ("a number beyond all floats", br#"{"gain": {"per_s": 1e400}}"#.to_vec(), ErrorCode::BadJson),
+        ("one byte too many", vec![b' '; MAX_JSON_BYTES + 1], ErrorCode::TooLarge),
+        ("as many bytes as may be, and no more", vec![b' '; MAX_JSON_BYTES], ErrorCode::BadJson),
     ]
 }
 

@@ -1,6 +1,7 @@
-//! PNG files of some kilobytes that claim, or unpack to, much more.
+//! PNG and JPEG files that claim, or unpack to, or ask for work on, much more than they are.
 
 use image::ExtendedColorType;
+use image::codecs::jpeg::JpegEncoder;
 
 use super::{MAX_BYTES, Siege};
 use crate::support::{ErrorCode, Question, Status, ZEROS, code, png};
@@ -24,8 +25,69 @@ async fn bombs_in_png_files_do_not_go_off() {
     siege.stage.close().await;
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn bombs_in_jpeg_files_are_refused_for_what_they_ask() {
+    let mut siege = Siege::begin().await;
+    let keys = siege.stage.keys.clone();
+    for (what, file) in jpeg_bombs() {
+        assert!(file.len() < MAX_BYTES, "{what} must get as far as the decoder");
+        let question = |key: String| {
+            Question::on(key).with(file.clone()).encoded("image/jpeg").attached(siege.secret().as_bytes())
+        };
+        let twist = siege.ask(question(keys.twist(siege.key()))).await.twist();
+        assert_eq!((twist.status, twist.twist), (Status::BadFrame, ZEROS), "{what}");
+        assert_eq!(code(siege.ask(question(keys.target(siege.key()))).await), ErrorCode::BadTarget, "{what}");
+    }
+    siege.goes_on("bombs").await;
+    siege.stage.close().await;
+}
+
+/// 96x72 pixels with a pattern, 8-bit gray.
+pub fn pattern() -> Vec<u8> {
+    (0..96 * 72).map(|at| (at * 7 % 251) as u8).collect()
+}
+
+/// The pattern as a JPEG file.
+pub fn photo() -> Vec<u8> {
+    let mut bytes = vec![];
+    JpegEncoder::new(&mut bytes).encode(&pattern(), 96, 72, ExtendedColorType::L8).expect("a fine picture");
+    bytes
+}
+
+/// JPEG files below a megabyte that ask a decoder for minutes or gigabytes.
+fn jpeg_bombs() -> Vec<(&'static str, Vec<u8>)> {
+    let good = photo();
+    let place = |marker: u8| good.windows(2).position(|pair| pair == [0xff, marker]).expect("a segment");
+    let (head, scan) = good.split_at(place(0xda));
+    let scan = &scan[..scan.len() - 2];
+    let of_size = |side: [u8; 2]| {
+        let mut file = good.clone();
+        let at = place(0xc0) + 5;
+        file[at..at + 4].copy_from_slice(&[side, side].concat());
+        file
+    };
+    let with = |more: &[u8]| [head, more, scan, b"\xff\xd9"].concat();
+    let table = [&b"\xff\xc4\0\x14\x10\x01"[..], &[0; 15], b"\0"].concat();
+    let frame = &good[place(0xc0)..place(0xc0) + 13];
+    vec![
+        ("65500x65500 pixels", of_size([0xff, 0xdc])),
+        ("no pixels", of_size([0, 0])),
+        ("a hundred scans", [head, &scan.repeat(100), b"\xff\xd9"].concat()),
+        (
+            "twenty thousand empty scans",
+            [head, &b"\xff\xda\0\x08\x01\x01\0\0\x3f\0\0".repeat(20_000), b"\xff\xd9"].concat(),
+        ),
+        ("forty thousand tables", with(&table.repeat(40_000))),
+        ("ten thousand comments", with(&b"\xff\xfe\0\x03x".repeat(10_000))),
+        ("two frames", with(frame)),
+        ("a frame without end", good[..good.len() - 2].to_vec()),
+        ("a scan that is not there", [head, b"\xff\xd9"].concat()),
+        ("nothing but markers", [b"\xff\xd8".to_vec(), vec![0xff; 500_000]].concat()),
+    ]
+}
+
 /// PNG files of some kilobytes that claim, or unpack to, hundreds of megabytes.
-fn bombs() -> Vec<(&'static str, Vec<u8>)> {
+pub fn bombs() -> Vec<(&'static str, Vec<u8>)> {
     // 64 million zeros, as zlib packs them.
     let packed = idat(&png(&vec![0; 8000 * 8000], [8000, 8000], ExtendedColorType::L8));
     let ihdr = |width: u32, height: u32| {
