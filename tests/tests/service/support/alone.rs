@@ -38,7 +38,7 @@ pub fn holds_alone(module: &str) {
 
 /// A test over TLS: `NAME::holds` runs `NAME::in_its_own_process` in a process of its own.
 macro_rules! over_tls {
-    (async fn $name:ident() $body:block) => {
+    (async fn $name:ident() { $($body:tt)* }) => {
         mod $name {
             use super::*;
 
@@ -49,7 +49,9 @@ macro_rules! over_tls {
 
             #[tokio::test(flavor = "multi_thread")]
             #[ignore = "in a process of its own, by `holds`"]
-            async fn in_its_own_process() $body
+            async fn in_its_own_process() {
+                $($body)*
+            }
         }
     };
 }
