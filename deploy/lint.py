@@ -2,8 +2,8 @@
 
     python deploy/lint.py
 
-Zenoh configurations: JSON5, and opened by Zenoh itself, router and client on loopback, with every entry in force. Container
-file, compose file and unit: their form, and that what they name exists. The commands of `domvs` in them: parsed by
+Zenoh configurations: JSON5, and opened by Zenoh itself, router and client on loopback, with every entry in force; those with TLS
+under certificates of `domvs certs`. Container file, compose file and unit: their form, and that what they name exists. The commands of `domvs` in them: parsed by
 target/release/domvs, if it has been built. README.md: every file it names exists, every file here is named. The last line is
 `N passed, N failed`. Needs tests/python/requirements.txt.
 """
@@ -29,6 +29,10 @@ DEPLOY = pathlib.Path(__file__).resolve().parent
 ROOT = DEPLOY.parent
 ROUTER = DEPLOY / "zenoh" / "router.json5"
 CLIENT = DEPLOY / "zenoh" / "client.json5"
+TLS = DEPLOY / "zenoh" / "tls"
+TLS_ROUTER = TLS / "router.json5"
+# The members' files, and the name of the member in each.
+TLS_MEMBERS = {"service": "service", "client": "alice", "viewer": "viewer", "robot": "robot", "camera": "front"}
 UNIT = DEPLOY / "systemd" / "domvs.service"
 CONTAINERFILE = DEPLOY / "Containerfile"
 COMPOSE = DEPLOY / "compose.yaml"
@@ -47,6 +51,15 @@ IN_BOTH = {
     "transport/shared_memory/enabled": False,
 }
 IN_CLIENT = {"mode": "client", "connect/timeout_ms": -1, "connect/exit_on_failure": False}
+IN_TLS_ROUTER = {
+    "mode": "router",
+    "listen/endpoints": ["tls/0.0.0.0:7447"],
+    "transport/link/tls/enable_mtls": True,
+    "adminspace/permissions/write": False,
+    "access_control/enabled": True,
+    "access_control/default_permission": "deny",
+}
+IN_TLS_CLIENT = IN_CLIENT | {"connect/endpoints": ["tls/127.0.0.1:7447"], "transport/link/tls/enable_mtls": True}
 HARDENING = {"NoNewPrivileges": "yes", "DynamicUser": "yes", "ProtectSystem": "strict", "ProtectHome": "yes"}
 INSTRUCTIONS = "FROM WORKDIR COPY RUN ENV USER EXPOSE STOPSIGNAL ENTRYPOINT CMD".split()
 
@@ -63,11 +76,20 @@ def leaves(tree, path=""):
         yield from leaves(value, f"{path}/{key}" if path else key)
 
 
+def holds(read, written):
+    """Whether what Zenoh reads is what is written; in the entries of a list it may add what was left out."""
+    if isinstance(written, dict):
+        return isinstance(read, dict) and all(holds(read.get(key), value) for key, value in written.items())
+    if isinstance(written, list):
+        return isinstance(read, list) and len(read) == len(written) and all(map(holds, read, written))
+    return read == written
+
+
 def check_entries(path, expected):
     """Zenoh takes the file, reads every entry as it is written, and these have the value that the design gives them."""
     read = dict(leaves(json.loads(str(zenoh.Config.from_file(str(path))))))
     for entry, written in leaves(json5.loads(path.read_text())):
-        assert read.get(entry) == written, f"{entry} is {written}, but Zenoh reads {read.get(entry)}"
+        assert holds(read.get(entry), written), f"{entry} is {written}, but Zenoh reads {read.get(entry)}"
     for entry, value in expected.items():
         assert read[entry] == value, f"{entry} must be {value}, got {read[entry]}"
 
@@ -75,9 +97,52 @@ def check_entries(path, expected):
 def check_size_limit():
     """The largest payload that the service takes gets through Zenoh, with a MiB to spare for key and header."""
     largest = tomllib.loads((DEPLOY / "server.toml").read_text())["limits"]["bytes_per_payload"]
-    for path in (ROUTER, CLIENT):
+    for path in (ROUTER, CLIENT, *TLS.glob("*.json5")):
         size = json5.loads(path.read_text())["transport"]["link"]["rx"]["max_message_size"]
         assert size >= largest + 2**20, f"{path.name}: max_message_size {size} is too small for payloads of {largest}"
+
+
+def check_rules():
+    """Every rule and subject of the router's access control exists and is used, and none is for everybody."""
+    control = json5.loads(TLS_ROUTER.read_text())["access_control"]
+    for kind in ("rules", "subjects"):
+        ids = [entry["id"] for entry in control[kind]]
+        used = {word for policy in control["policies"] for word in policy[kind]}
+        assert len(ids) == len(set(ids)) and set(ids) == used, f"{kind}: {sorted(set(ids) ^ used)}"
+    for subject in control["subjects"]:
+        name = subject["id"].rsplit(" ", 1)[1]
+        assert subject["cert_common_names"] == subject["usernames"] == [name], f"one name for certificate and password: {subject}"
+    assert not [rule for rule in control["rules"] if rule["permission"] != "allow"], "under default deny, rules only allow"
+
+
+def check_members():
+    """The members' files differ in their names alone."""
+    texts = {role: re.sub(r"^//!.*\n", "", (TLS / f"{role}.json5").read_text(), flags=re.MULTILINE) for role in TLS_MEMBERS}
+    plain = {text.replace(f'"{name}"', "NAME").replace(f"/{name}.", "/NAME.") for (role, text), name in zip(texts.items(), TLS_MEMBERS.values())}
+    assert len(plain) == 1, "they differ in more than names"
+
+
+def check_lab():
+    """With certificates of `domvs certs`, a camera's frame reaches a client over TLS, and nobody else's does."""
+    with tempfile.TemporaryDirectory() as folder, socket.socket() as probe:
+        lab = pathlib.Path(folder) / "lab"
+        made = [DOMVS, "certs", lab, "--client", "alice", "--camera", "front"]
+        subprocess.run(made, check=True, capture_output=True, timeout=PATIENCE_S)
+        probe.bind(("127.0.0.1", 0))
+        endpoints = json.dumps([f"tls/127.0.0.1:{probe.getsockname()[1]}"])
+        probe.close()
+        router = zenoh.Config.from_file(str(lab / "router.json5"))
+        router.insert_json5("listen/endpoints", endpoints)
+        members = {name: zenoh.Config.from_file(str(lab / f"{name}.json5")) for name in ("alice", "front")}
+        for config in members.values():
+            config.insert_json5("connect/endpoints", endpoints)
+        heard, came = [], threading.Event()
+        with zenoh.open(router), zenoh.open(members["alice"]) as alice, zenoh.open(members["front"]) as front:
+            alice.declare_subscriber("domvs/camera/*/*", lambda sample: (heard.append(str(sample.key_expr)), came.set()))
+            key = "domvs/camera/front/frame"
+            tries = range(10 * PATIENCE_S)
+            arrived = any(front.put("domvs/camera/other/frame", b"") or front.put(key, b"") or came.wait(0.1) for _ in tries)
+        assert arrived and set(heard) == {key}, f"heard {set(heard)}"
 
 
 def check_opened():
@@ -239,6 +304,11 @@ def checks():
     """(name, check); what cannot be checked on this machine is said instead."""
     yield "router.json5", lambda: check_entries(ROUTER, IN_BOTH | {"mode": "router"})
     yield "client.json5", lambda: check_entries(CLIENT, IN_BOTH | IN_CLIENT)
+    yield "tls/router.json5", lambda: check_entries(TLS_ROUTER, IN_BOTH | IN_TLS_ROUTER)
+    for role in TLS_MEMBERS:
+        yield f"tls/{role}.json5", lambda path=TLS / f"{role}.json5": check_entries(path, IN_BOTH | IN_TLS_CLIENT)
+    yield "the rules of tls/router.json5", check_rules
+    yield "the members' files of tls", check_members
     yield "the largest message", check_size_limit
     yield "router and client open on loopback", check_opened
     yield "Containerfile", check_containerfile
@@ -251,6 +321,7 @@ def checks():
         print("not checked: domvs.service by systemd-analyze, which is not installed")
     if DOMVS.exists():
         yield "the commands of domvs", check_commands
+        yield "a lab of domvs certs over TLS", check_lab
     else:
         print("not checked: the commands of domvs, as target/release/domvs is not built")
     yield "README.md", check_readme

@@ -1,17 +1,19 @@
 //! What the command `domvs` is made of, from the command line inwards: [`options`] shared by the subcommands,
 //! [`commands`] (one file each), [`files`] they read, [`frames`] they send, the [`network`] they join, the [`report`] that
-//! a finished run leaves behind, the laboratory of [`experiment`]s, what [`mod@bench`] measures, and [`paint`], which decides about colours. `main.rs` only reads the command line and hands over.
+//! a finished run leaves behind, the laboratory of [`experiment`]s, what [`mod@bench`] measures, a lab's [`certs`], what is [`log`]ged, and [`paint`], which decides about colours. `main.rs` only reads the command line and hands over.
 
 pub mod options;
 
 pub mod commands;
 
 pub mod bench;
+pub mod certs;
 pub mod exit;
 pub mod experiment;
 pub mod explain;
 pub mod files;
 pub mod frames;
+pub mod log;
 pub mod network;
 pub mod paint;
 pub mod report;

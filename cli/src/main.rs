@@ -3,11 +3,11 @@
 use std::process::ExitCode;
 
 use clap::{ArgAction, CommandFactory, FromArgMatches, Parser, Subcommand};
-use domvs::commands::{bench, demo, experiment, serve, sim, stop, task, twist};
+use domvs::commands::{bench, certs, demo, experiment, serve, sim, stop, task, twist};
 use domvs::exit;
 use domvs::explain::explained;
+use domvs::log;
 use domvs::paint::{ColorWhen, Paint};
-use tracing_subscriber::EnvFilter;
 
 /// Servo a camera to where a desired image was taken, by direct visual servoing on orthogonal moments.
 #[derive(Parser)]
@@ -28,6 +28,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Bench(bench::BenchArgs),
+    Certs(certs::CertsArgs),
     Demo(demo::DemoArgs),
     Experiment(experiment::ExperimentArgs),
     Serve(serve::ServeArgs),
@@ -46,6 +47,7 @@ fn main() -> ExitCode {
 
     let result = match cli.command {
         Command::Bench(args) => bench::run(&args, paint, paint_errors),
+        Command::Certs(args) => certs::run(&args),
         Command::Demo(args) => demo::run(&args, paint, paint_errors),
         Command::Experiment(args) => experiment::run(&args, paint, paint_errors),
         Command::Serve(args) => serve::run(&args, paint),
@@ -61,13 +63,9 @@ fn main() -> ExitCode {
 }
 
 fn start_log(verbose: u8, paint: Paint) {
-    let level = match verbose {
-        0 => "warn,zenoh=error",
-        1 => "warn,zenoh=error,domvs=info",
-        2 => "info,domvs=debug",
-        _ => "trace",
-    };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(paint.colored);
+    let log = tracing_subscriber::fmt()
+        .with_env_filter(log::filter(verbose))
+        .with_writer(std::io::stderr)
+        .with_ansi(paint.colored);
     log.init();
 }

@@ -4,6 +4,9 @@
 //! No test sleeps and none measures speed. Waits are on a condition with a limit; the one time that is asserted is the
 //! watchdog's, with a slack that is stated.
 
+#[macro_use]
+mod support;
+
 mod architecture;
 mod clients;
 mod formats;
@@ -11,12 +14,13 @@ mod fuzz;
 mod hostile;
 mod life;
 mod load;
+mod logs;
 mod methods;
 mod pictures;
 mod pushed;
 mod recording;
 mod replicas;
 mod requests;
+mod security;
 mod settings;
-mod support;
 mod tenancy;

@@ -1,8 +1,11 @@
 //! What every test stands on: a router of its own, a worker in a session of its own, pictures of a true scene, and
 //! waits that are on a condition and have a limit.
 
+#[macro_use]
+mod alone;
 mod deaf;
 mod following;
+mod lab;
 mod pictures;
 mod questions;
 
@@ -18,8 +21,10 @@ pub use domvs_proto::twist::TwistMessage;
 use domvs_server::{ServerConfig, Service};
 use zenoh::{Config, Session};
 
+pub use alone::{alone, holds_alone};
 pub use deaf::DeafLink;
 pub use following::{Following, next_status, push};
+pub use lab::{Lab, config as lab_config, ear, is_let_in, plan as lab_plan, router as lab_router};
 pub use pictures::{Scene, exact, gray8, jpeg, png};
 pub use questions::{Answer, Question, code};
 
@@ -132,13 +137,17 @@ pub fn name(text: &str) -> Name {
 /// A router on a free loopback port; on another one when somebody was faster.
 async fn router() -> (Session, String) {
     for _ in 0..20 {
-        let port = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("loopback").port();
-        let endpoint = format!("tcp/127.0.0.1:{port}");
+        let endpoint = format!("tcp/127.0.0.1:{}", free_port());
         if let Ok(session) = zenoh::open(router_config(&endpoint)).await {
             return (session, endpoint);
         }
     }
     panic!("no free port in 20 tries");
+}
+
+/// A port that nobody has at this moment.
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("loopback").port()
 }
 
 fn router_config(endpoint: &str) -> Config {
