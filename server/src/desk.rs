@@ -134,7 +134,7 @@ impl Work for Desk {
         self.guarded(|| {
             self.obey_halt();
             match self.mailbox.take() {
-                Some(Item::Order(Waiting { message, held: _held })) => self.obey(message),
+                Some(Item::Order(Waiting { message, held })) => self.obey(message, held),
                 Some(Item::Request(Waiting { message, held: _held })) => self.answer_twist(&message),
                 Some(Item::Frame(Waiting { message, held: _held })) => self.follow_frame(&message),
                 None => {}

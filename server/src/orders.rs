@@ -22,9 +22,11 @@ use crate::law::{acceleration_limits, speed_limits};
 use crate::payload::{Payload, header_of};
 use crate::replica::TARGET;
 use crate::task::{Frame, Route, SentTarget, Task};
+use crate::tenants::Held;
 
 impl Desk {
-    pub(crate) fn obey(&self, order: Order) {
+    /// `held` is what the order takes of its client's account until it is done with; a target keeps its bytes.
+    pub(crate) fn obey(&self, order: Order, held: Held) {
         lock(&self.board).used(self.shared.now());
         match order {
             Order::Control(query, received) => {
@@ -33,7 +35,7 @@ impl Desk {
             Order::Settings(query) => self.answer(&query, Leaf::Settings, |desk| desk.settings(&query)),
             Order::Target(query, _) if query.payload().is_none_or(ZBytes::is_empty) => self.answer_target(&query),
             Order::Target(query, received) => {
-                self.answer(&query, Leaf::Target, |desk| desk.set_target(&query, received));
+                self.answer(&query, Leaf::Target, |desk| desk.set_target(&query, received, held.settled()));
             }
             Order::State(query) if query.parameters().contains_key(TARGET) => self.answer_state_target(&query),
             Order::State(query) => {
@@ -138,11 +140,9 @@ impl Desk {
         }
     }
 
-    fn set_target(&self, query: &Query, received: Moment) -> Result<Vec<u8>, ErrorReply> {
+    fn set_target(&self, query: &Query, received: Moment, held: Held) -> Result<Vec<u8>, ErrorReply> {
         // Whoever let it in has read it once.
         let header = header_of(query.attachment()).map_err(|error| ErrorReply::new(ErrorCode::BadTarget, error))?;
-        let bytes = query.payload().map_or(0, ZBytes::len);
-        let held = self.tenant.hold_bytes(bytes).map_err(|error| ErrorReply::new(ErrorCode::Quota, error))?;
         let payload = query.payload().map_or(Payload::Whole(&[]), Payload::from);
         let encoding = query.encoding().map(ToString::to_string).unwrap_or_default();
         let frame = Frame { header: &header, encoding: &encoding, payload, received, route: Route::Requested };

@@ -117,8 +117,7 @@ impl Registrar {
         let desk = Arc::new(new_desk(&self.shared, seed).map_err(internal)?);
         // Known before it can be asked, so nobody hears that there is no such task.
         self.shared.admit(&desk, &settings)?;
-        let declared =
-            desk.watch_lease(&settings.lease).and_then(|()| Endpoints::declare(&desk, &settings.frames));
+        let declared = desk.watch_lease(&settings.lease).and_then(|()| Endpoints::declare(&desk, &settings.frames));
         let endpoints = declared.map_err(|error| {
             lock(&self.shared.desks).remove(&desk.key.to_string());
             internal(error)
@@ -141,7 +140,9 @@ impl Registrar {
         };
         let held = desk.tenant.hold_bytes(target_bytes);
         *lock(&desk.target_bytes) = held
-            .inspect_err(|error| tracing::warn!(%task, error, "the target of a task that was taken over is beyond the quota"))
+            .inspect_err(
+                |error| tracing::warn!(%task, error, "the target of a task that was taken over is beyond the quota"),
+            )
             .ok();
         let now = self.shared.now();
         let mut board = lock(&desk.board);

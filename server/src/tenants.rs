@@ -182,6 +182,16 @@ impl Tenant {
     }
 }
 
+impl Held {
+    /// The message waits no longer, but its bytes are kept.
+    pub(crate) fn settled(mut self) -> Held {
+        let waited = [std::mem::take(&mut self.waiting), 0];
+        self.tenant.used.remove(waited);
+        self.tenant.all.remove(waited);
+        self
+    }
+}
+
 impl Drop for Held {
     fn drop(&mut self) {
         let less = [self.waiting, self.bytes];
@@ -278,7 +288,10 @@ mod tests {
         let error = bob.hold_bytes(1001).expect_err("3001 of all");
         assert!(error.contains("this worker may hold 3000"), "{error}");
         assert_eq!(tenants.bytes(), 2000, "a refusal holds nothing");
-        drop(first);
+        let first = first.settled();
+        let next = alice.hold_message(0).expect("one waits no longer");
+        assert_eq!(tenants.bytes(), 2000, "its bytes are kept");
+        drop((first, next));
         let _third = bob.hold_bytes(1001).expect("room again");
         assert_eq!(tenants.bytes(), 1501);
     }

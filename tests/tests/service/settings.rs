@@ -12,7 +12,9 @@ async fn a_patch_changes_what_it_names_and_null_brings_the_default_back() {
     let client = stage.client("alice").await;
     let mut scene = Scene::small("coffee");
     let task = started(&client, &scene.settings(), &scene.target()).await;
-    assert_eq!(task.settings().await.expect("answered"), scene.settings());
+    let created = task.settings().await.expect("answered");
+    // The Rust client hangs a task on its own process.
+    assert_eq!(created, TaskSettings { lease: created.lease.clone(), ..scene.settings() });
 
     let patch = json!({ "order": 6, "method": "tchebichef", "limits": { "linear_m_per_s": 0.05 } });
     let changed = task.change_settings(&patch).await.expect("fine");
@@ -20,7 +22,7 @@ async fn a_patch_changes_what_it_names_and_null_brings_the_default_back() {
         order: OrderRange { min: 6, max: 6 },
         method: Method::Tchebichef,
         limits: Some(Limits { linear_m_per_s: 0.05, ..Limits::default() }),
-        ..scene.settings()
+        ..created.clone()
     };
     assert_eq!(changed, expected);
     let answer = task.twist(&scene.frame(1)).await.expect("answered");
@@ -29,7 +31,7 @@ async fn a_patch_changes_what_it_names_and_null_brings_the_default_back() {
     assert!(speed <= 0.05 + 1e-12, "{speed} m/s");
 
     let restored = task.change_settings(&json!({ "order": null, "method": null, "limits": null })).await.expect("fine");
-    assert_eq!(restored, TaskSettings { limits: Some(Limits::default()), ..scene.settings() });
+    assert_eq!(restored, TaskSettings { limits: Some(Limits::default()), ..created });
     assert_eq!(task.settings().await.expect("answered"), restored);
     stage.close().await;
 }
@@ -40,6 +42,7 @@ async fn a_wrong_patch_is_refused_with_the_numbers_and_changes_nothing() {
     let client = stage.client("alice").await;
     let mut scene = Scene::small("coffee");
     let task = started(&client, &scene.settings(), &scene.target()).await;
+    let before = task.settings().await.expect("answered");
     for (patch, expected, words) in [
         (json!({ "order": 41 }), ErrorCode::BadSettings, ["41", "40"]),
         (json!({ "method": "cosine", "max_age_ms": 0 }), ErrorCode::BadSettings, ["max_age_ms", "60000"]),
@@ -59,7 +62,7 @@ async fn a_wrong_patch_is_refused_with_the_numbers_and_changes_nothing() {
             ["mask", "5 bytes"],
         ),
         (json!({ "frames": "pushed" }), ErrorCode::NotSupported, ["frames", "create"]),
-        (json!({ "lease": "none" }), ErrorCode::NotSupported, ["lease", "create"]),
+        (json!({ "lease": { "process": "a/b" } }), ErrorCode::BadSettings, ["lease", "a name"]),
         (json!({ "camera": { "width": 64 } }), ErrorCode::BadTarget, ["64x72", "96x72"]),
         (json!([]), ErrorCode::BadSettings, ["object", "list"]),
     ] {
@@ -68,7 +71,7 @@ async fn a_wrong_patch_is_refused_with_the_numbers_and_changes_nothing() {
         for word in words {
             assert!(error.contains(word), "{patch}: {word:?} is not in {error:?}");
         }
-        assert_eq!(task.settings().await.expect("answered"), scene.settings(), "{patch}");
+        assert_eq!(task.settings().await.expect("answered"), before, "{patch}");
     }
     assert!(task.twist(&scene.frame(1)).await.expect("answered").is_servoing());
     stage.close().await;
