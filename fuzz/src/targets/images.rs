@@ -97,7 +97,8 @@ fn decode(header: Option<&FrameHeader>, encoding: &str, payload: Payload<'_>) ->
     let samples = decoded.image.samples();
     assert!(samples.iter().all(|sample| sample.is_finite()));
     assert!(samples.len() as u64 <= LIMITS.max_pixels && samples.len() == size[0] * size[1]);
-    assert!(decoded.contrast >= 0.0 || decoded.contrast.is_nan(), "{}", decoded.contrast);
+    let contrast = decoded.sums.contrast();
+    assert!(contrast >= 0.0 || contrast.is_nan(), "{contrast}");
     if let Some(header) = header.filter(|header| header.width > 0) {
         assert_eq!(size, [header.width as usize, header.height as usize]);
     }

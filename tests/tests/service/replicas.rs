@@ -55,7 +55,7 @@ async fn state(task: &Task) -> TaskState {
 }
 
 /// Asks for a twist of the next frame until there is one that moves; every other answer is exact zeros.
-async fn moves_again(task: &Task, scene: &mut Scene, sequence: &mut u64) -> domvs_client::TwistMessage {
+async fn moves_again(task: &Task, scene: &mut Scene, sequence: &mut u64) -> TwistMessage {
     in_time("it moves again", async {
         loop {
             *sequence += 1;
@@ -104,7 +104,7 @@ async fn a_standby_goes_on_with_a_lost_task_and_the_client_calls_nothing() {
     })
     .await;
     assert_eq!(arrived, Status::Converged);
-    assert_eq!(task.target().await.expect("kept").payload, scene.target().payload().to_bytes());
+    assert_eq!(task.target().await.expect("kept").payload, scene.target().payload().to_bytes().into_owned());
     second.service.shutdown().await;
     stage.close().await;
 }
