@@ -12,6 +12,7 @@ pub mod experiment;
 pub mod explain;
 pub mod files;
 pub mod frames;
+pub mod log;
 pub mod network;
 pub mod paint;
 pub mod report;

@@ -14,6 +14,7 @@ use domvs_proto::status::Status;
 
 use crate::Moment;
 use crate::desk::{Desk, lock};
+use crate::metrics::{Dropped, Event};
 use crate::registrar::Job;
 use crate::worker::Shared;
 
@@ -32,6 +33,7 @@ pub(crate) fn run(shared: &Arc<Shared>, closing: &Receiver<()>) {
         let now = shared.now();
         let pause = now.saturating_sub(last);
         last = now;
+        shared.clock_looks(now);
         load.measure(shared, now);
         for desk in shared.desks() {
             look_after(&desk, pause, now);
@@ -51,6 +53,9 @@ fn look_after(desk: &Arc<Desk>, pause: Duration, now: Moment) {
     };
     // Published without the board, which callbacks need.
     let braked = lock(&desk.outlet).tick(status, now);
+    if braked.is_some() {
+        desk.shared.metrics.happened(Event::WatchdogBrake);
+    }
     let mut board = lock(&desk.board);
     let quiet = now.saturating_sub(board.last_frame()) > QUIET;
     if board.status() == Status::Servoing && (braked.is_some() || quiet) {
@@ -100,7 +105,8 @@ fn watch_client(desk: &Arc<Desk>, now: Moment) {
     match lease.gone_since {
         None => {
             lease.gone_since = Some(now);
-            tracing::warn!(task = %desk.key, "the client's token is gone");
+            desk.shared.metrics.happened(Event::ClientLost);
+            tracing::warn!(task = %desk.key, client = %desk.key.client, "the client's token is gone");
             desk.request_halt(Status::ClientLost);
         }
         Some(since) if now.saturating_sub(since) > desk.shared.config.lease.grace() => {
@@ -116,9 +122,14 @@ fn throw_away_after_pause(desk: &Arc<Desk>, pause: Duration, now: Moment) {
     if pause <= watchdog {
         return;
     }
-    tracing::warn!(task = %desk.key, pause_ms = pause.as_millis(), "the worker stood still; queued frames are thrown away");
+    desk.shared.metrics.happened(Event::StoodStill);
+    let (task, pause_ms) = (&desk.key, pause.as_millis());
+    tracing::warn!(%task, client = %task.client, pause_ms, "the worker stood still; queued frames are thrown away");
     lock(&desk.outlet).doubt(now);
     let (requests, frame) = desk.mailbox.discard_images();
+    if frame.is_some() {
+        desk.shared.metrics.dropped(Dropped::StoodStill);
+    }
     lock(&desk.board).dropped().stale += requests.len() as u64 + u64::from(frame.is_some());
     for request in requests {
         desk.shared.give(Job::TwistRefused(Arc::clone(desk), request.query, Status::StaleFrame));
@@ -140,6 +151,7 @@ impl LoadMeter {
         }
         let busy = shared.busy();
         let capacity = interval.as_secs_f64() * shared.config.compute_threads() as f64;
+        shared.say_left_out(now);
         shared.set_load(busy.saturating_sub(self.busy).as_secs_f64() / capacity);
         (self.since, self.busy) = (now, busy);
     }

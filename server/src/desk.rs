@@ -24,6 +24,7 @@ use crate::Moment;
 use crate::board::Board;
 use crate::endpoints::Publications;
 use crate::mailbox::{Item, Mailbox};
+use crate::metrics::{Dropped, Event};
 use crate::outlet::Outlet;
 use crate::pool::Work;
 use crate::task::Task;
@@ -127,6 +128,14 @@ impl Work for Desk {
     }
 }
 
+impl Drop for Desk {
+    /// Nobody will look at what waits.
+    fn drop(&mut self) {
+        let (requests, frame) = self.mailbox.discard_images();
+        self.shared.metrics.dropped_many(Dropped::Closed, requests.len() + usize::from(frame.is_some()));
+    }
+}
+
 impl Desk {
     /// Asks for a latched halt: takes effect on `command` at the clock's next look, and before the next frame.
     pub(crate) fn request_halt(&self, status: Status) {
@@ -157,7 +166,9 @@ impl Desk {
         // What a panic leaves half done belongs to this task alone, and a latched task does nothing with it.
         catch_unwind(AssertUnwindSafe(work))
             .map_err(|panic| {
-                tracing::error!(task = %self.key, panic = panic_text(&*panic), "a panic ended the task");
+                self.shared.metrics.happened(Event::Panic);
+                let panic = panic_text(&*panic);
+                tracing::error!(task = %self.key, client = %self.key.client, panic, "a panic ended the task");
                 self.request_halt(Status::Internal);
             })
             .ok()

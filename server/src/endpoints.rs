@@ -19,9 +19,11 @@ use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 use crate::desk::{Desk, Order, PushedFrame, TwistRequest, lock};
+use crate::metrics::{Asked, Dropped};
 use crate::orders::attached_secret;
 use crate::outlet::Publish;
 use crate::registrar::Job;
+use crate::task::Route;
 use crate::worker::Shared;
 
 /// What a task publishes besides `command`.
@@ -106,6 +108,7 @@ fn frame_subscriber(session: &Session, key: String, desk: &Arc<Desk>) -> zenoh::
 
 /// A stop must find room: only the owner's words are let in, and they have a queue of their own.
 fn control(desk: &Arc<Desk>, query: Query) {
+    desk.shared.metrics.asked(Asked::Control);
     match desk.check_owner(attached_secret(&query).as_ref()) {
         Ok(()) => enqueued(desk, desk.mailbox.push_urgent(Order::Control(query))),
         Err(error) => {
@@ -115,6 +118,12 @@ fn control(desk: &Arc<Desk>, query: Query) {
 }
 
 fn order(desk: &Arc<Desk>, order: Order) {
+    desk.shared.metrics.asked(match order {
+        Order::Control(_) => Asked::Control,
+        Order::Settings(_) => Asked::Settings,
+        Order::Target(..) => Asked::Target,
+        Order::State(_) => Asked::State,
+    });
     enqueued(desk, desk.mailbox.push_order(order));
 }
 
@@ -132,7 +141,10 @@ fn request_twist(desk: &Arc<Desk>, query: Query) {
     let shared: &Shared = &desk.shared;
     let received = shared.now();
     lock(&desk.board).frame_arrived(received);
-    let refused = match query.payload().map_or(0, zenoh::bytes::ZBytes::len) {
+    let size = query.payload().map_or(0, zenoh::bytes::ZBytes::len);
+    shared.metrics.asked(Asked::Twist);
+    shared.metrics.received(Route::Requested, size);
+    let refused = match size {
         size if size > shared.config.limits.bytes_per_payload => Some((query, Status::BadFrame)),
         size => {
             let full = desk.mailbox.push_request(TwistRequest { query, received }, size);
@@ -156,7 +168,11 @@ fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
         payload: sample.payload().clone(),
         received,
     };
+    shared.metrics.received(Route::Pushed, sample.payload().len());
     let passed_over = desk.mailbox.put_frame(frame).is_some();
+    if passed_over {
+        shared.metrics.dropped(Dropped::Superseded);
+    }
     let mut board = lock(&desk.board);
     board.frame_arrived(received);
     board.dropped().superseded += u64::from(passed_over);

@@ -13,8 +13,9 @@ use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
-use crate::answers::{log_failure, reply_error};
+use crate::answers::log_failure;
 use crate::desk::{Desk, PushedFrame, TwistRequest, lock};
+use crate::metrics::Dropped;
 use crate::outlet::refused;
 use crate::payload::{Payload, header_of};
 use crate::pipeline::{is_past_deadline, on_frame};
@@ -42,7 +43,8 @@ impl Desk {
             }
         };
         if let Err(error) = self.check_owner(header.secret.as_ref()) {
-            return reply_error(query, &error);
+            self.shared.metrics.dropped(Dropped::NotOwner);
+            return self.shared.refuse(query, &error);
         }
         let payload = query.payload().map_or(Payload::Whole(&[]), Payload::from);
         let encoding: Cow<'static, str> = query.encoding().map(Cow::from).unwrap_or_default();
@@ -59,6 +61,7 @@ impl Desk {
             lock(&self.task).told(Twist::from_array(answer.twist));
         }
         self.reply_twist(query, answer);
+        self.took(&frame, &answer);
         self.record(&frame, query.payload(), Leaf::Twist, &answer);
     }
 
@@ -103,6 +106,10 @@ impl Desk {
         if sent.status != answer.status {
             lock(&self.board).overruled(&sent);
         }
+        self.shared.metrics.answered(Route::Pushed, sent.status);
+        if refusal.is_none() {
+            self.took(&frame, &sent);
+        }
         self.record(&frame, Some(&pushed.payload), Leaf::Command, &sent);
     }
 
@@ -125,7 +132,12 @@ impl Desk {
     /// One frame through the pipeline, measured; a panic in it latches `internal`.
     fn compute(&self, task: &mut Task, frame: &Frame<'_>) -> TwistMessage {
         let begin = self.shared.now();
+        let stood = !task.is_running();
         let answer = self.guarded(|| on_frame(task, frame, begin));
+        if stood && task.is_running() {
+            let sequence = frame.header.sequence;
+            tracing::info!(task = %self.key, client = %self.key.client, sequence, "started by the first frame");
+        }
         let mut answer = answer.unwrap_or_else(|| {
             task.latch(Status::Internal);
             TwistMessage { sequence: frame.header.sequence, ..TwistMessage::zero(Status::Internal) }
@@ -137,6 +149,10 @@ impl Desk {
         board.answered(&answer, task.iterations(), task.detail());
         board.estimated(task.estimates());
         answer
+    }
+
+    fn took(&self, frame: &Frame<'_>, answer: &TwistMessage) {
+        self.shared.metrics.took(frame.route, answer, self.shared.now().saturating_sub(frame.received));
     }
 
     fn record(&self, frame: &Frame<'_>, payload: Option<&ZBytes>, leaf: Leaf, answer: &TwistMessage) {
@@ -155,6 +171,7 @@ impl Desk {
 
     fn reply_twist(&self, query: &Query, mut answer: TwistMessage) {
         answer.epoch = self.epoch;
+        self.shared.metrics.answered(Route::Requested, answer.status);
         let key = self.twist_key.clone();
         let as_json = query.parameters().get("format") == Some("json");
         log_failure(if as_json {

@@ -45,6 +45,12 @@ mod orders;
 
 mod frames;
 
+mod throttle;
+
+mod refusals;
+
+mod metrics;
+
 mod answers;
 
 mod endpoints;

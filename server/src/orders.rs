@@ -12,7 +12,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
 use crate::Moment;
-use crate::answers::{log_failure, read_json, reply_error, reply_json};
+use crate::answers::{log_failure, read_json, reply_json};
 use crate::desk::{Desk, Order, lock};
 use crate::law::acceleration_limits;
 use crate::payload::{Payload, header_of};
@@ -41,7 +41,7 @@ impl Desk {
             .unwrap_or_else(|| Err(ErrorReply::new(ErrorCode::Internal, "the task failed; see the worker's log")));
         match outcome {
             Ok(json) => reply_json(query, self.shared.keys.task(&self.key, leaf), &json),
-            Err(error) => reply_error(query, &error),
+            Err(error) => self.shared.refuse(query, &error),
         }
     }
 
@@ -73,7 +73,7 @@ impl Desk {
             // The client is there: its task is wanted again.
             lock(&self.lease_watch).gone_since = None;
         }
-        tracing::info!(task = %self.key, ?control, %status, "control");
+        tracing::info!(task = %self.key, client = %self.key.client, ?control, %status, "control");
         self.said(&task, task.status())
     }
 
@@ -129,7 +129,8 @@ impl Desk {
             );
         }
         let size = task.target().map(|sent| sent.size);
-        tracing::info!(task = %self.key, ?size, %status, "target set");
+        let sequence = header.sequence;
+        tracing::info!(task = %self.key, client = %self.key.client, sequence, ?size, %status, "target set");
         self.said(&task, status)
     }
 
@@ -143,7 +144,7 @@ impl Desk {
                 let reply = query.reply(self.shared.keys.target(&self.key), payload).encoding(encoding.as_str());
                 log_failure(reply.attachment(header.encode()).wait());
             }
-            Err(error) => reply_error(query, &error),
+            Err(error) => self.shared.refuse(query, &error),
         }
     }
 

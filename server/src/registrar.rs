@@ -17,7 +17,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::query::Query;
 
-use crate::answers::{reply_error, reply_json};
+use crate::answers::reply_json;
 use crate::board::Board;
 use crate::decode::DecodeLimits;
 use crate::desk::{Desk, LeaseWatch, lock};
@@ -25,6 +25,7 @@ use crate::endpoints::{Endpoints, Publications, command};
 use crate::governor::Governor;
 use crate::law::acceleration_limits;
 use crate::mailbox::Mailbox;
+use crate::metrics::Event;
 use crate::outlet::Outlet;
 use crate::task::Task;
 use crate::worker::Shared;
@@ -63,7 +64,7 @@ impl Registrar {
                     reply_json(&query, key, &body::write(&self.shared.info()));
                 }
                 Job::Unclaimed(query) => self.answer_unclaimed(&query),
-                Job::Refused(query, error) => reply_error(&query, &error),
+                Job::Refused(query, error) => self.shared.refuse(&query, &error),
                 Job::TwistRefused(desk, query, status) => desk.refuse_twist(&query, status),
                 Job::Close(task) => self.close(&task),
                 Job::Shutdown => break,
@@ -77,7 +78,7 @@ impl Registrar {
     fn answer_create(&mut self, query: &Query) {
         match self.create(query) {
             Ok(reply) => reply_json(query, query.key_expr().to_string(), &body::write(&reply)),
-            Err(error) => reply_error(query, &error),
+            Err(error) => self.shared.refuse(query, &error),
         }
     }
 
@@ -108,7 +109,9 @@ impl Registrar {
         let reply = CreateReply { task: desk.key.clone(), epoch: desk.epoch, secret: desk.secret.clone() };
         self.endpoints.insert(desk.key.clone(), endpoints);
         desk.created();
-        tracing::info!(task = %desk.key, method = settings.method.word(), "created");
+        shared.metrics.happened(Event::TaskCreated);
+        let (task, client, epoch) = (&desk.key, &desk.key.client, desk.epoch);
+        tracing::info!(%task, %client, epoch, method = settings.method.word(), "created");
         Ok(reply)
     }
 
@@ -159,9 +162,12 @@ impl Registrar {
         match self.shared.keys.parse_task(key.as_str()) {
             Some((task, _)) => {
                 let error = format!("there is no task {task}; it may have been closed");
-                reply_error(query, &ErrorReply::new(ErrorCode::UnknownTask, error));
+                self.shared.refuse(query, &ErrorReply::new(ErrorCode::UnknownTask, error));
             }
-            None => reply_error(query, &ErrorReply::new(ErrorCode::BadName, format!("{key} is not a key of a task"))),
+            None => {
+                let error = format!("{key} is not a key of a task");
+                self.shared.refuse(query, &ErrorReply::new(ErrorCode::BadName, error));
+            }
         }
     }
 
@@ -170,7 +176,8 @@ impl Registrar {
         desk.closing.store(true, Ordering::Release);
         lock(&desk.outlet).halt(Some(Status::Stopped), self.shared.now());
         self.endpoints.remove(task);
-        tracing::info!(%task, "closed");
+        self.shared.metrics.happened(Event::TaskClosed);
+        tracing::info!(%task, client = %task.client, "closed");
     }
 }
 

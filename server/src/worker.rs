@@ -2,13 +2,14 @@
 //! clock watches them, the pool computes.
 
 use std::collections::{HashMap, HashSet};
+use std::net::SocketAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
 use domvs_proto::keys::{Keys, Name};
-use domvs_proto::messages::WorkerInfo;
+use domvs_proto::messages::{ErrorCode, WorkerInfo};
 use domvs_proto::status::Status;
 use zenoh::Session;
 use zenoh::key_expr::KeyExpr;
@@ -19,9 +20,11 @@ use zenoh::sample::{Sample, SampleKind};
 
 use crate::config::ServerConfig;
 use crate::desk::{Desk, lock};
+use crate::metrics::{Asked, Event, Metrics, MetricsEndpoint};
 use crate::pool::Pool;
 use crate::record::{RecordError, Recorder};
 use crate::registrar::{Job, Registrar};
+use crate::throttle::Throttle;
 use crate::{Moment, clock};
 
 /// Jobs that may wait for the registrar; more are dropped, and their clients see an empty answer.
@@ -32,10 +35,10 @@ const CLIENTS: usize = 10_000;
 const RECORDED_FRAMES: usize = 64;
 /// What the last zeros get before the session ends: Zenoh sends the end of a token before any data that waits.
 const HEAD_START: Duration = Duration::from_millis(20);
-/// How long the threads may take to end.
-const THREADS_END: Duration = Duration::from_millis(1500);
-/// How long the end of a recording may take.
-const RECORD_CLOSE: Duration = Duration::from_secs(1);
+/// How long the threads may take to end: longer only if one hangs in a reply to a client that does not read.
+const THREADS_END: Duration = Duration::from_millis(700);
+/// How long the session may take to close, and the recording meanwhile. With the threads' time it stays under two seconds, whatever hangs.
+const SESSION_CLOSE: Duration = Duration::from_millis(800);
 
 /// Why a worker could not start.
 #[derive(Debug, thiserror::Error)]
@@ -53,6 +56,17 @@ pub enum ServiceError {
     /// The recording could not begin.
     #[error(transparent)]
     Record(#[from] RecordError),
+    /// Nobody can listen where the metrics should be.
+    #[error("cannot serve metrics on {address}: {source}")]
+    MetricsAddress {
+        /// The address.
+        address: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The metrics contradict each other.
+    #[error("cannot make the metrics: {0}")]
+    Metrics(#[from] prometheus::Error),
 }
 
 impl From<zenoh::Error> for ServiceError {
@@ -67,6 +81,7 @@ pub struct Service {
     _queryables: Vec<Queryable<()>>,
     _subscribers: Vec<Subscriber<()>>,
     _alive: LivelinessToken,
+    metrics: Option<MetricsEndpoint>,
     clock: (mpsc::SyncSender<()>, JoinHandle<()>),
     registrar: JoinHandle<()>,
 }
@@ -85,6 +100,12 @@ pub(crate) struct Shared {
     jobs: flume::Sender<Job>,
     origin: Instant,
     wall_origin_ns: u64,
+    pub(crate) metrics: Metrics,
+    /// Which refusals the log says.
+    pub(crate) refusals: Throttle<{ ErrorCode::ALL.len() }>,
+    busy_lines: Throttle<1>,
+    /// When the clock last looked, nanoseconds.
+    clock_looked_ns: AtomicU64,
     busy_ns: AtomicU64,
     load: AtomicU64,
 }
@@ -94,6 +115,14 @@ impl Service {
     pub async fn start(config: ServerConfig, session: Session) -> Result<Service, ServiceError> {
         let (jobs, waiting) = flume::bounded(JOBS);
         let shared = Arc::new(Shared::new(config, session, jobs)?);
+        // Before anything else runs: the address may be taken.
+        let metrics = match shared.config.metrics_address() {
+            Some(address) => {
+                let opened = MetricsEndpoint::open(address, &shared).await;
+                Some(opened.map_err(|source| ServiceError::MetricsAddress { address, source })?)
+            }
+            None => None,
+        };
         let registrar = {
             let shared = Arc::clone(&shared);
             spawn("domvs-registrar", move || Registrar::new(shared).run(&waiting))?
@@ -114,6 +143,7 @@ impl Service {
             _queryables: queryables,
             _subscribers: subscribers,
             _alive: alive,
+            metrics,
             clock: (closing, clock),
             registrar,
         })
@@ -122,6 +152,11 @@ impl Service {
     /// The name of this worker.
     pub fn worker(&self) -> &Name {
         &self.shared.worker
+    }
+
+    /// Where `GET /metrics` is answered, if it is.
+    pub fn metrics_address(&self) -> Option<SocketAddr> {
+        self.metrics.as_ref().map(MetricsEndpoint::address)
     }
 
     /// Zeros for every task, then the end of the session, the threads and the recording.
@@ -135,14 +170,21 @@ impl Service {
         if tokio::time::timeout(THREADS_END, ends).await.is_err() {
             tracing::warn!("a thread of the worker hangs in a reply; it ends with the session");
         }
-        if let Err(error) = self.shared.session.close().await {
-            tracing::warn!(%error, "the session did not close cleanly");
-        }
-        if let Some(recorder) = &self.shared.recorder {
-            match recorder.close(RECORD_CLOSE) {
+        let recording = self.shared.recorder.clone().map(|recorder| {
+            // Plain waiting for a disk: on a thread of its own.
+            tokio::task::spawn_blocking(move || match recorder.close(SESSION_CLOSE) {
                 Ok(counts) => tracing::info!(?counts, "recording finished"),
                 Err(error) => tracing::error!(%error, "recording"),
-            }
+            })
+        });
+        match tokio::time::timeout(SESSION_CLOSE, self.shared.session.close().into_future()).await {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => tracing::warn!(%error, "the session did not close cleanly"),
+            Err(_late) => tracing::warn!(limit = ?SESSION_CLOSE, "the session did not close in time"),
+        }
+        if let Some(recording) = recording {
+            // Bounded by its own limit; a panic in it has been said.
+            let _ = recording.await;
         }
         tracing::info!(worker = %self.shared.worker, "stopped");
     }
@@ -171,6 +213,10 @@ impl Shared {
             jobs,
             origin: Instant::now(),
             wall_origin_ns: u64::try_from(wall.as_nanos()).unwrap_or(u64::MAX),
+            metrics: Metrics::new()?,
+            refusals: Throttle::new(),
+            busy_lines: Throttle::new(),
+            clock_looked_ns: AtomicU64::new(0),
             busy_ns: AtomicU64::new(0),
             load: AtomicU64::new(0),
         })
@@ -205,9 +251,22 @@ impl Shared {
     pub(crate) fn give(&self, job: Job) -> bool {
         let given = self.jobs.try_send(job).is_ok();
         if !given {
-            tracing::warn!("the registrar is busy; a request was dropped");
+            self.metrics.happened(Event::RequestDropped);
+            if let Some(left_out) = self.busy_lines.admit(0, self.now()) {
+                tracing::warn!(left_out, "the registrar is busy; a request was dropped");
+            }
         }
         given
+    }
+
+    /// The clock is alive.
+    pub(crate) fn clock_looks(&self, now: Moment) {
+        self.clock_looked_ns.store(u64::try_from(now.as_nanos()).unwrap_or(u64::MAX), Ordering::Relaxed);
+    }
+
+    /// For how long the clock has not looked.
+    pub(crate) fn clock_silence(&self) -> Duration {
+        self.now().saturating_sub(Duration::from_nanos(self.clock_looked_ns.load(Ordering::Relaxed)))
     }
 
     pub(crate) fn add_busy(&self, busy: Duration) {
@@ -248,6 +307,10 @@ impl Shared {
             max_pixels: self.config.limits.pixels_per_frame as u64,
             max_payload_bytes: self.config.limits.bytes_per_payload as u64,
             uptime_s: self.now().as_secs_f64(),
+            clients: lock(&self.clients).len() as u32,
+            memory_bytes: crate::metrics::resident_bytes(),
+            recorder_dropped: self.recorder.as_ref().map_or(0, |recorder| recorder.counts().dropped.total()),
+            counts: self.metrics.counts(),
             ..WorkerInfo::new(self.worker.clone())
         }
     }
@@ -256,9 +319,10 @@ impl Shared {
 /// The worker's own keys.
 async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec<Subscriber<()>>)> {
     let (session, keys, worker) = (&shared.session, &shared.keys, &shared.worker);
-    let give = |job: fn(Query) -> Job| {
+    let give = |asked: Asked, job: fn(Query) -> Job| {
         let shared = Arc::clone(shared);
         move |query: Query| {
+            shared.metrics.asked(asked);
             shared.give(job(query));
         }
     };
@@ -275,6 +339,7 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
         move |query: Query| {
             // A session hands a query to all of its queryables that match, the tasks' own among them.
             if shared.is_unclaimed(query.key_expr()) {
+                shared.metrics.asked(Asked::Unclaimed);
                 shared.give(Job::Unclaimed(query));
             }
         }
@@ -284,10 +349,18 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
         session.declare_subscriber(keys.stop()).callback(stop).await?,
     ];
     let queryables = vec![
-        session.declare_queryable(keys.creates(worker)).complete(true).callback(give(Job::Create)).await?,
+        session
+            .declare_queryable(keys.creates(worker))
+            .complete(true)
+            .callback(give(Asked::Create, Job::Create))
+            .await?,
         // Not complete: a task's own keys are, and they win at the router. What nobody owns lands here.
         session.declare_queryable(keys.tasks()).complete(false).callback(unclaimed).await?,
-        session.declare_queryable(keys.worker_info(worker)).complete(true).callback(give(Job::Info)).await?,
+        session
+            .declare_queryable(keys.worker_info(worker))
+            .complete(true)
+            .callback(give(Asked::Info, Job::Info))
+            .await?,
     ];
     Ok((queryables, subscribers))
 }

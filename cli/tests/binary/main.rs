@@ -6,4 +6,5 @@ mod bench;
 mod demo;
 mod experiment;
 mod network;
+mod serve;
 mod twist;

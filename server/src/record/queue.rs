@@ -117,6 +117,11 @@ pub struct LaneCounts {
 }
 
 impl LaneCounts {
+    /// All lanes together.
+    pub fn total(&self) -> u64 {
+        self.frames + self.targets + self.notes
+    }
+
     fn add_one(&mut self, lane: Lane) {
         match lane {
             Lane::Frames => self.frames += 1,
@@ -237,6 +242,11 @@ impl Queue {
 
     pub(super) fn counts(&self) -> RecordCounts {
         self.state().counts
+    }
+
+    /// Bytes that wait to be written.
+    pub(super) fn waiting_bytes(&self) -> usize {
+        self.state().waiting.iter().map(|room| room.bytes).sum()
     }
 
     /// True once the writer has ended; waits at most `limit` for that.

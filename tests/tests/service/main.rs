@@ -12,6 +12,7 @@ mod hostile;
 mod life;
 mod load;
 mod methods;
+mod metrics;
 mod pictures;
 mod pushed;
 mod recording;
