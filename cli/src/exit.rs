@@ -9,10 +9,14 @@ Exit codes:
   1  an error, explained on standard error
   2  the command line was not understood
   3  a run ended without converging
+  4  serve was forced: by a second signal, or not ended two seconds after the first
   130  interrupted; what was done is kept";
 
 /// 130, as shells say it: interrupted by a signal; what was done is kept.
 pub const INTERRUPTED: u8 = 130;
+
+/// 4: `serve` was ended by force, before everything was in order.
+pub const FORCED: u8 = 4;
 
 /// 0: the command did what it was asked; a run converged.
 pub fn done() -> ExitCode {

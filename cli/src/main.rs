@@ -6,7 +6,7 @@ use clap::{ArgAction, CommandFactory, FromArgMatches, Parser, Subcommand};
 use domvs::commands::{bench, certs, demo, experiment, serve, sim, stop, task, twist};
 use domvs::exit;
 use domvs::explain::explained;
-use domvs::log;
+use domvs::log::{self, LogFormat};
 use domvs::paint::{ColorWhen, Paint};
 
 /// Servo a camera to where a desired image was taken, by direct visual servoing on orthogonal moments.
@@ -17,9 +17,15 @@ struct Cli {
     #[arg(long, global = true, help_heading = "General options", value_enum, value_name = "WHEN", default_value_t)]
     color: ColorWhen,
 
-    /// Say more on standard error: -v progress, -vv details, -vvv everything (RUST_LOG overrides it)
+    /// Say more on standard error: -v what an operator wants to know, -vv what a developer does, -vvv everything
+    ///
+    /// DOMVS_LOG, or else RUST_LOG, overrides it with a filter such as "warn,domvs_server=debug".
     #[arg(short, long, global = true, help_heading = "General options", action = ArgAction::Count)]
     verbose: u8,
+
+    /// How lines of the log are written on standard error
+    #[arg(long, global = true, help_heading = "General options", value_enum, value_name = "FORM", default_value_t)]
+    log_format: LogFormat,
 
     #[command(subcommand)]
     command: Command,
@@ -43,7 +49,14 @@ fn main() -> ExitCode {
     let cli = Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit());
     let paint = Paint::for_stdout(cli.color);
     let paint_errors = Paint::for_stderr(cli.color);
-    start_log(cli.verbose, paint_errors);
+    // Kept to the end: it writes the last lines.
+    let _log = match log::start(cli.verbose, cli.log_format, paint_errors.colored) {
+        Ok(log) => log,
+        Err(error) => {
+            eprintln!("cannot start the log: {error}");
+            return exit::failed();
+        }
+    };
 
     let result = match cli.command {
         Command::Bench(args) => bench::run(&args, paint, paint_errors),
@@ -60,12 +73,4 @@ fn main() -> ExitCode {
         eprintln!("{} {}", paint_errors.bad("error:"), explained(&error));
         exit::failed()
     })
-}
-
-fn start_log(verbose: u8, paint: Paint) {
-    let log = tracing_subscriber::fmt()
-        .with_env_filter(log::filter(verbose))
-        .with_writer(std::io::stderr)
-        .with_ansi(paint.colored);
-    log.init();
 }

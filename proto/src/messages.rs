@@ -179,6 +179,31 @@ impl StatusMessage {
     }
 }
 
+/// What a worker has counted since it started. Every frame that came was answered (with a twist or with zeros), was passed over
+/// for a newer one, was thrown away, was refused for want of the secret, or still waits.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct WorkerCounts {
+    /// Frames received, requests and pushed ones.
+    pub frames_in: u64,
+    /// Answers that are meant to be executed: status `servoing`.
+    pub twists: u64,
+    /// Answers with any other status: exact zeros.
+    pub zeros: u64,
+    /// Frames that were not turned into a twist.
+    pub frames_dropped: FramesDropped,
+    /// Queries of every kind.
+    pub requests: u64,
+    /// Error answers.
+    pub refusals: u64,
+    /// How often zeros were sent because no frame came within the watchdog time.
+    pub watchdog_brakes: u64,
+    /// How often a task was halted because its client's token went.
+    pub clients_lost: u64,
+    /// Tasks ended by a defect.
+    pub panics: u64,
+}
+
 /// The answer on a worker's `info`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WorkerInfo {
@@ -216,6 +241,18 @@ pub struct WorkerInfo {
     pub unanswered: u64,
     /// Since it started, s.
     pub uptime_s: f64,
+    /// Clients whose liveliness token it sees.
+    #[serde(default)]
+    pub clients: u32,
+    /// Resident memory of its process, bytes; 0 = not known.
+    #[serde(default)]
+    pub memory_bytes: u64,
+    /// Messages that its recording had to drop.
+    #[serde(default)]
+    pub recorder_dropped: u64,
+    /// What happened since it started.
+    #[serde(default)]
+    pub counts: WorkerCounts,
 }
 
 impl WorkerInfo {
@@ -237,6 +274,10 @@ impl WorkerInfo {
             quotas: Quotas::default(),
             unanswered: 0,
             uptime_s: 0.0,
+            clients: 0,
+            memory_bytes: 0,
+            recorder_dropped: 0,
+            counts: WorkerCounts::default(),
         }
     }
 }

@@ -91,7 +91,9 @@ fn hostile(criterion: &mut Criterion) {
     ] {
         let mut decoder = Decoder::new();
         group.bench_function(BenchmarkId::from_parameter(format!("{name}, {} bytes", file.len())), |bencher| {
-            bencher.iter(|| black_box(decoder.decode(None, encoding, Payload::from(&file), LIMITS).unwrap().sums.contrast()));
+            bencher.iter(|| {
+                black_box(decoder.decode(None, encoding, Payload::from(&file), LIMITS).unwrap().sums.contrast())
+            });
         });
     }
 }

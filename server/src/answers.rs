@@ -13,12 +13,6 @@ pub(crate) fn reply_json(query: &Query, key: String, json: &[u8]) {
     log_failure(query.reply(key, json).encoding(body::JSON).wait());
 }
 
-/// Replies with an error body.
-pub(crate) fn reply_error(query: &Query, error: &ErrorReply) {
-    tracing::warn!(key = %query.key_expr(), %error, "refused");
-    log_failure(query.reply_err(body::write(error)).encoding(body::JSON).wait());
-}
-
 /// Reads a JSON body of bounded size.
 pub(crate) fn read_json<T: serde::de::DeserializeOwned>(query: &Query) -> Result<T, ErrorReply> {
     let size = query.payload().map_or(0, ZBytes::len);

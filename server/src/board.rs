@@ -148,7 +148,8 @@ impl Board {
     /// Changes the last word; a change is published at the clock's next look.
     pub fn say(&mut self, status: Status, detail: Option<&str>) {
         if status != self.message.status {
-            tracing::info!(task = %self.message.task, %status, detail, "status");
+            let (task, sequence) = (&self.message.task, self.message.sequence);
+            tracing::info!(%task, client = %task.client, sequence, %status, detail, "status");
             self.message.status = status;
             self.message.meaning = status.meaning().to_owned();
             self.message.latched = status.is_latched();

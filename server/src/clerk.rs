@@ -13,7 +13,7 @@ use domvs_proto::status::Status;
 use zenoh::Wait;
 use zenoh::query::{Query, Reply};
 
-use crate::answers::{reply_error, reply_json};
+use crate::answers::reply_json;
 use crate::desk::{Desk, lock};
 use crate::worker::Shared;
 
@@ -91,7 +91,7 @@ fn work(shared: &Weak<Shared>, tray: &flume::Receiver<Note>) {
                 reply_json(&query, shared.keys.worker_info(&shared.worker), &body::write(&shared.info()));
             }
             Note::Unclaimed(query) => answer_unclaimed(&shared, query, &lookups),
-            Note::Refused(query, error) => reply_error(&query, &error),
+            Note::Refused(query, error) => shared.refuse(&query, &error),
             Note::TwistRefused(desk, query, status) => desk.refuse_twist(&query, status),
         }
     }
@@ -102,24 +102,26 @@ fn work(shared: &Weak<Shared>, tray: &flume::Receiver<Note>) {
 struct Lookup {
     query: Mutex<Option<Query>>,
     unknown: ErrorReply,
+    /// Weak: the session, which the worker has, holds this.
+    shared: Weak<Shared>,
     running: Arc<AtomicUsize>,
 }
 
 impl Drop for Lookup {
     fn drop(&mut self) {
         self.running.fetch_sub(1, Ordering::AcqRel);
-        if let Some(query) = lock(&self.query).take() {
-            reply_error(&query, &self.unknown);
+        if let (Some(query), Some(shared)) = (lock(&self.query).take(), self.shared.upgrade()) {
+            shared.refuse(&query, &self.unknown);
         }
     }
 }
 
 /// A task's key that no task of this worker answers.
-fn answer_unclaimed(shared: &Shared, query: Query, running: &Arc<AtomicUsize>) {
+fn answer_unclaimed(shared: &Arc<Shared>, query: Query, running: &Arc<AtomicUsize>) {
     let key = query.key_expr();
     let Some((task, _)) = shared.keys.parse_task(key.as_str()) else {
         let error = format!("{key} is not a key of a task");
-        return reply_error(&query, &ErrorReply::new(ErrorCode::BadName, error));
+        return shared.refuse(&query, &ErrorReply::new(ErrorCode::BadName, error));
     };
     if running.fetch_add(1, Ordering::AcqRel) >= LOOKUPS {
         running.fetch_sub(1, Ordering::AcqRel);
@@ -127,7 +129,8 @@ fn answer_unclaimed(shared: &Shared, query: Query, running: &Arc<AtomicUsize>) {
         return;
     }
     let unknown = ErrorReply::new(ErrorCode::UnknownTask, format!("there is no task {task}; it may have been closed"));
-    let lookup = Lookup { query: Mutex::new(Some(query)), unknown, running: Arc::clone(running) };
+    let (query, running) = (Mutex::new(Some(query)), Arc::clone(running));
+    let lookup = Lookup { query, unknown, shared: Arc::downgrade(shared), running };
     let found = move |reply: Reply| {
         if reply.result().is_ok() {
             lock(&lookup.query).take();

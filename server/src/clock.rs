@@ -14,6 +14,7 @@ use domvs_proto::status::Status;
 use crate::Moment;
 use crate::clerk::{Asker, Note};
 use crate::desk::{Desk, lock};
+use crate::metrics::{Dropped, Event};
 use crate::registrar::Job;
 use crate::worker::Shared;
 
@@ -31,6 +32,7 @@ pub(crate) fn run(shared: &Arc<Shared>, closing: &Receiver<()>) {
     while closing.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout) {
         let now = shared.now();
         let pause = clocks.look(now, SystemTime::now());
+        shared.clock_looks(now);
         load.measure(shared, now);
         for desk in shared.desks() {
             look_after(&desk, pause, now);
@@ -75,6 +77,9 @@ fn look_after(desk: &Arc<Desk>, pause: Pause, now: Moment) {
     };
     // Published without the board, which callbacks need.
     let braked = lock(&desk.outlet).tick(status, now);
+    if braked.is_some() {
+        desk.shared.metrics.happened(Event::WatchdogBrake);
+    }
     let mut board = lock(&desk.board);
     let quiet = now.saturating_sub(board.last_frame()) > QUIET;
     if board.status() == Status::Servoing && (braked.is_some() || quiet) {
@@ -136,7 +141,8 @@ fn watch_client(desk: &Arc<Desk>, now: Moment) -> bool {
     match lease.gone_since {
         None => {
             lease.gone_since = Some(now);
-            tracing::warn!(task = %desk.key, "the client's token is gone");
+            desk.shared.metrics.happened(Event::ClientLost);
+            tracing::warn!(task = %desk.key, client = %desk.key.client, "the client's token is gone");
             desk.request_halt(Status::ClientLost);
         }
         Some(since) if now.saturating_sub(since) > desk.shared.config.lease.grace() => {
@@ -155,9 +161,13 @@ fn throw_away_after_pause(desk: &Arc<Desk>, pause: Pause, now: Moment) {
     }
     outlet.doubt(pause.since, now);
     drop(outlet);
-    let pause_ms = pause.length.as_millis();
-    tracing::warn!(task = %desk.key, pause_ms, "the worker stood still; what waited is thrown away");
+    desk.shared.metrics.happened(Event::StoodStill);
+    let (task, pause_ms) = (&desk.key, pause.length.as_millis());
+    tracing::warn!(%task, client = %task.client, pause_ms, "the worker stood still; what waited is thrown away");
     let (requests, frame) = desk.mailbox.discard_images();
+    if frame.is_some() {
+        desk.shared.metrics.dropped(Dropped::StoodStill);
+    }
     lock(&desk.board).dropped().stale += requests.len() as u64 + u64::from(frame.is_some());
     for request in requests {
         let note = Note::TwistRefused(Arc::clone(desk), request.message.query, Status::StaleFrame);
@@ -180,6 +190,7 @@ impl LoadMeter {
         }
         let busy = shared.busy();
         let capacity = interval.as_secs_f64() * shared.config.compute_threads() as f64;
+        shared.say_left_out(now);
         shared.set_load(busy.saturating_sub(self.busy).as_secs_f64() / capacity);
         (self.since, self.busy) = (now, busy);
     }

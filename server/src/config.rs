@@ -2,6 +2,7 @@
 //!
 //! `deploy/server.toml` lists every entry with its default; a test holds the two equal.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -24,6 +25,8 @@ pub struct ServerConfig {
     pub record: PathBuf,
     /// A folder in which a worker alone keeps its tasks over a restart; empty: they end with it.
     pub state: PathBuf,
+    /// `ADDRESS:PORT` for `GET /metrics` (Prometheus) and `GET /healthz`, over plain HTTP; empty: neither.
+    pub metrics: String,
     /// What clients may use.
     pub limits: Limits,
     /// When a task whose client has gone is closed.
@@ -91,6 +94,7 @@ impl Default for ServerConfig {
             mailbox_depth: 4,
             record: PathBuf::new(),
             state: PathBuf::new(),
+            metrics: String::new(),
             limits: Limits::default(),
             lease: Lease::default(),
             replica: Replica::default(),
@@ -176,6 +180,9 @@ impl ServerConfig {
         if !self.worker.is_empty() && !name_fits(&self.worker) {
             return Err(out_of_range("worker", "empty or 1 to 64 of A-Z a-z 0-9 _ -", &self.worker));
         }
+        if !self.metrics.is_empty() && self.metrics_address().is_none() {
+            return Err(out_of_range("metrics", "empty or ADDRESS:PORT such as 127.0.0.1:9464", &self.metrics));
+        }
         check_range("threads", "0 to 256", self.threads, 0, 256)?;
         check_range("mailbox_depth", "1 to 64", self.mailbox_depth, 1, 64)?;
         check_range("replica.tasks", "0 to 10000", self.replica.tasks, 0, 10_000)?;
@@ -190,6 +197,11 @@ impl ServerConfig {
         let text =
             if self.worker.is_empty() { format!("w-{:08x}", rand::random::<u32>()) } else { self.worker.clone() };
         Name::try_from(text.as_str()).expect("checked names and hexadecimal ones are valid")
+    }
+
+    /// Where the metrics are to be had; `None`: nowhere.
+    pub fn metrics_address(&self) -> Option<SocketAddr> {
+        self.metrics.parse().ok()
     }
 
     /// How many compute threads to start.
@@ -266,5 +278,6 @@ mod tests {
         assert!(message("mailbox_depth = 0").contains("1 to 64, got 0"));
         assert!(message("worker = \"a/b\"").contains("a/b"));
         assert!(message("mailbox_dept = 4").contains("mailbox_dept"));
+        assert!(message("metrics = \"9464\"").contains("got 9464"));
     }
 }

@@ -24,6 +24,7 @@ use crate::board::Board;
 use crate::endpoints::Publications;
 use crate::lease::{LeaseWatch, WatchedLease};
 use crate::mailbox::{Item, Mailbox};
+use crate::metrics::{Dropped, Event};
 use crate::outlet::Outlet;
 use crate::ownership::SecretCheck;
 use crate::pool::Work;
@@ -152,6 +153,14 @@ impl Work for Desk {
     }
 }
 
+impl Drop for Desk {
+    /// Nobody will look at what waits.
+    fn drop(&mut self) {
+        let (requests, frame) = self.mailbox.discard_images();
+        self.shared.metrics.dropped_many(Dropped::Closed, requests.len() + usize::from(frame.is_some()));
+    }
+}
+
 impl Desk {
     /// Asks for a latched halt: takes effect on `command` at the clock's next look, and before the next frame.
     pub(crate) fn request_halt(&self, status: Status) {
@@ -168,7 +177,8 @@ impl Desk {
 
     /// The last words of a worker that ends, after its zeros: `owner_lost`, and an answer to every request that waits.
     pub(crate) fn say_last_words(&self, now: Moment) {
-        let (requests, _) = self.mailbox.discard_images();
+        let (requests, frame) = self.mailbox.discard_images();
+        self.shared.metrics.dropped_many(Dropped::Closed, usize::from(frame.is_some()));
         requests.iter().for_each(|request| self.refuse_twist(&request.message.query, Status::OwnerLost));
         let mut board = lock(&self.board);
         board.say(Status::OwnerLost, None);
@@ -190,7 +200,9 @@ impl Desk {
         // What a panic leaves half done belongs to this task alone, and a latched task does nothing with it.
         catch_unwind(AssertUnwindSafe(work))
             .map_err(|panic| {
-                tracing::error!(task = %self.key, panic = panic_text(&*panic), "a panic ended the task");
+                self.shared.metrics.happened(Event::Panic);
+                let panic = panic_text(&*panic);
+                tracing::error!(task = %self.key, client = %self.key.client, panic, "a panic ended the task");
                 self.request_halt(Status::Internal);
             })
             .ok()

@@ -16,8 +16,10 @@ use zenoh::sample::Sample;
 use crate::Moment;
 use crate::clerk::{Asker, Note};
 use crate::desk::{Desk, Order, PushedFrame, TwistRequest, Waiting, lock};
+use crate::metrics::{Asked, Dropped};
 use crate::orders::attached_secret;
 use crate::payload::header_of;
+use crate::task::Route;
 use crate::tenants::Doing;
 
 /// A control word is a few bytes; whatever is longer is no stop.
@@ -25,6 +27,7 @@ const LONGEST_STOP: usize = 256;
 
 /// A stop must find room: only the owner's words are let in, they have a queue of their own, and no rate holds a stop back.
 pub(crate) fn control(desk: &Arc<Desk>, query: Query) {
+    desk.shared.metrics.asked(Asked::Control);
     let received = desk.shared.now();
     if let Err(error) = desk.check_owner(attached_secret(&query).as_ref()) {
         return refuse(desk, Asker::Stranger, query, error);
@@ -36,6 +39,7 @@ pub(crate) fn control(desk: &Arc<Desk>, query: Query) {
 }
 
 pub(crate) fn settings(desk: &Arc<Desk>, query: Query) {
+    desk.shared.metrics.asked(Asked::Settings);
     match desk.check_owner(attached_secret(&query).as_ref()) {
         Ok(()) => order(desk, Order::Settings(query)),
         Err(error) => refuse(desk, Asker::Stranger, query, error),
@@ -43,6 +47,7 @@ pub(crate) fn settings(desk: &Arc<Desk>, query: Query) {
 }
 
 pub(crate) fn target(desk: &Arc<Desk>, query: Query) {
+    desk.shared.metrics.asked(Asked::Target);
     let received = desk.shared.now();
     match check_target(desk, &query) {
         Ok(()) => order(desk, Order::Target(query, received)),
@@ -52,6 +57,7 @@ pub(crate) fn target(desk: &Arc<Desk>, query: Query) {
 
 /// Anybody may ask, so it is not the client's account that this is charged to.
 pub(crate) fn state(desk: &Arc<Desk>, query: Query) {
+    desk.shared.metrics.asked(Asked::State);
     let may = lock(&desk.public).take(desk.shared.now());
     if !may {
         let error = "the state of this task is asked for too often; ask again";
@@ -62,17 +68,20 @@ pub(crate) fn state(desk: &Arc<Desk>, query: Query) {
 
 pub(crate) fn request_twist(desk: &Arc<Desk>, query: Query) {
     let (shared, received) = (&desk.shared, desk.shared.now());
+    let size = query.payload().map_or(0, ZBytes::len);
+    shared.metrics.asked(Asked::Twist);
+    shared.metrics.received(Route::Requested, size);
     match secret_of_frame(query.attachment()) {
         // Nothing in it can be trusted, not even whose it is: it changes nothing of the task.
         Unreadable => return refuse_twist(desk, Asker::Stranger, query, Status::BadFrame),
         Shown(secret) => {
             if let Err(error) = desk.check_owner(secret.as_ref()) {
+                shared.metrics.dropped(Dropped::NotOwner);
                 return refuse(desk, Asker::Stranger, query, error);
             }
         }
     }
     lock(&desk.board).frame_arrived(received);
-    let size = query.payload().map_or(0, ZBytes::len);
     if size > shared.config.limits.bytes_per_payload {
         return refuse_twist(desk, Asker::Owner, query, Status::BadFrame);
     }
@@ -87,14 +96,16 @@ pub(crate) fn request_twist(desk: &Arc<Desk>, query: Query) {
 }
 
 pub(crate) fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
-    let received = desk.shared.now();
+    let (metrics, received, size) = (&desk.shared.metrics, desk.shared.now(), sample.payload().len());
+    metrics.received(Route::Pushed, size);
     if desk.frames_need_secret.load(Ordering::Acquire) && !shows_secret(desk, sample) {
+        metrics.dropped(Dropped::NotOwner);
         lock(&desk.board).dropped().not_owner += 1;
         return;
     }
-    let size = sample.payload().len();
     let held = desk.tenant.may(Doing::Frame, received).and_then(|()| desk.tenant.hold_message(size));
     let Ok(held) = held else {
+        metrics.dropped(Dropped::Quota);
         let mut board = lock(&desk.board);
         board.frame_arrived(received);
         board.dropped().overloaded += 1;
@@ -107,6 +118,7 @@ pub(crate) fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
         received,
     };
     let passed_over = desk.mailbox.put_frame(Waiting { message: frame, held }).is_some();
+    metrics.dropped_many(Dropped::Superseded, usize::from(passed_over));
     let mut board = lock(&desk.board);
     board.frame_arrived(received);
     board.dropped().superseded += u64::from(passed_over);

@@ -58,6 +58,7 @@ impl Desk {
             }
         }
         self.reply_twist(query, answer);
+        self.took(&frame, &answer);
         self.record(&frame, query.payload(), Leaf::Twist, &answer);
     }
 
@@ -81,6 +82,10 @@ impl Desk {
         drop(task);
         if sent.status != answer.status {
             lock(&self.board).overruled(&sent);
+        }
+        self.shared.metrics.answered(Route::Pushed, sent.status);
+        if refusal.is_none() {
+            self.took(&frame, &sent);
         }
         self.record(&frame, Some(&pushed.payload), Leaf::Command, &sent);
     }
@@ -113,7 +118,12 @@ impl Desk {
     /// One frame through the pipeline, measured; a panic in it latches `internal`.
     fn compute(&self, task: &mut Task, frame: &Frame<'_>) -> TwistMessage {
         let begin = self.shared.now();
+        let stood = !task.is_running();
         let answer = self.guarded(|| on_frame(task, frame, begin));
+        if stood && task.is_running() {
+            let sequence = frame.header.sequence;
+            tracing::info!(task = %self.key, client = %self.key.client, sequence, "started by the first frame");
+        }
         let mut answer = answer.unwrap_or_else(|| {
             task.latch(Status::Internal);
             self.zeros(frame.header, Status::Internal)
@@ -133,6 +143,10 @@ impl Desk {
         answer
     }
 
+    fn took(&self, frame: &Frame<'_>, answer: &TwistMessage) {
+        self.shared.metrics.took(frame.route, answer, self.shared.now().saturating_sub(frame.received));
+    }
+
     fn record(&self, frame: &Frame<'_>, payload: Option<&ZBytes>, leaf: Leaf, answer: &TwistMessage) {
         let Some(recorder) = &self.shared.recorder else { return };
         let (received, now) = (self.shared.wall_ns(frame.received), self.shared.wall_ns(self.shared.now()));
@@ -149,6 +163,7 @@ impl Desk {
 
     fn reply_twist(&self, query: &Query, mut answer: TwistMessage) {
         answer.epoch = self.epoch;
+        self.shared.metrics.answered(Route::Requested, answer.status);
         let key = self.twist_key.clone();
         let as_json = query.parameters().get("format") == Some("json");
         log_failure(if as_json {

@@ -53,6 +53,12 @@ mod orders;
 
 mod frames;
 
+mod throttle;
+
+mod refusals;
+
+mod metrics;
+
 mod answers;
 
 mod door;

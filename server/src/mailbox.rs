@@ -127,6 +127,11 @@ impl<O, R, F> Mailbox<O, R, F> {
         orders || !slots.requests.is_empty() || slots.frame.is_some()
     }
 
+    /// Bytes of all requests that wait.
+    pub fn request_bytes(&self) -> usize {
+        self.lock().request_bytes
+    }
+
     /// Takes out every image that waits, for a worker that was away too long to use them.
     pub fn discard_images(&self) -> (Vec<R>, Option<F>) {
         let mut slots = self.lock();

@@ -16,7 +16,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
 use crate::Moment;
-use crate::answers::{log_failure, read_json, reply_error, reply_json};
+use crate::answers::{log_failure, read_json, reply_json};
 use crate::desk::{Desk, Order, lock};
 use crate::law::{acceleration_limits, speed_limits};
 use crate::payload::{Payload, header_of};
@@ -51,7 +51,7 @@ impl Desk {
             .unwrap_or_else(|| Err(ErrorReply::new(ErrorCode::Internal, "the task failed; see the worker's log")));
         match outcome {
             Ok(json) => reply_json(query, self.shared.keys.task(&self.key, leaf), &json),
-            Err(error) => reply_error(query, &error),
+            Err(error) => self.shared.refuse(query, &error),
         }
     }
 
@@ -64,7 +64,7 @@ impl Desk {
         }
         let mut task = lock(&self.task);
         if moves && !task.is_running() && received <= *lock(&self.halt_asked) {
-            tracing::warn!(task = %self.key, ?control, "came before the halt that it would lift; nothing changes");
+            tracing::warn!(task = %self.key, client = %self.key.client, ?control, "came before the halt that it would lift; nothing changes");
             return Ok(body::write(&ControlReply { status: task.status() }));
         }
         let mut outlet = lock(&self.outlet);
@@ -92,7 +92,7 @@ impl Desk {
             // The client is there: its task is wanted again.
             lock(&self.lease_watch).gone_since = None;
         }
-        tracing::info!(task = %self.key, ?control, %status, "control");
+        tracing::info!(task = %self.key, client = %self.key.client, ?control, %status, "control");
         self.said(&task, task.status())
     }
 
@@ -160,7 +160,8 @@ impl Desk {
             );
         }
         let size = task.target().map(|sent| sent.size);
-        tracing::info!(task = %self.key, ?size, %status, "target set");
+        let sequence = header.sequence;
+        tracing::info!(task = %self.key, client = %self.key.client, sequence, ?size, %status, "target set");
         let said = self.said(&task, status);
         if let Some(sent) = task.target() {
             // After the state that names it: standbys keep no other.
@@ -177,7 +178,7 @@ impl Desk {
                 let reply = query.reply(self.shared.keys.target(&self.key), payload).encoding(encoding.as_str());
                 log_failure(reply.attachment(header.encode()).wait());
             }
-            Err(error) => reply_error(query, &error),
+            Err(error) => self.shared.refuse(query, &error),
         }
     }
 
@@ -188,7 +189,7 @@ impl Desk {
                 let reply = query.reply(self.shared.keys.state(&self.key), payload).encoding(encoding.as_str());
                 log_failure(reply.attachment(header.encode()).wait());
             }
-            None => reply_error(query, &ErrorReply::new(ErrorCode::NoTarget, "no target is set")),
+            None => self.shared.refuse(query, &ErrorReply::new(ErrorCode::NoTarget, "no target is set")),
         }
     }
 

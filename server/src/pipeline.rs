@@ -113,7 +113,7 @@ fn compute(task: &mut Task, frame: &Frame<'_>, now: Moment, answer: &mut TwistMe
     // The clocks are looked at whatever the task does, but a task that stands says why it stands.
     let in_time = check_time(task, frame, now);
     if in_time.is_ok() {
-        autostart(task, frame);
+        autostart(task);
     }
     check_life(task)?;
     in_time?;
@@ -190,9 +190,8 @@ fn is_past_deadline(deadline_us: u32, waited: Duration) -> bool {
     deadline_us > 0 && waited > Duration::from_micros(u64::from(deadline_us))
 }
 
-fn autostart(task: &mut Task, frame: &Frame<'_>) {
+fn autostart(task: &mut Task) {
     if task.settings.autostart && task.life.status() == Status::Ready {
-        tracing::info!(sequence = frame.header.sequence, "started by the first frame");
         task.life.autostart();
     }
 }

@@ -175,6 +175,11 @@ impl Recorder {
         self.handle.queue.counts()
     }
 
+    /// Bytes that wait to be written.
+    pub fn waiting_bytes(&self) -> usize {
+        self.handle.queue.waiting_bytes()
+    }
+
     /// Writes what is queued, finishes the file and waits for that, at most `limit`; past three quarters of it what is
     /// still queued is dropped and counted, to leave time for the end of the file. Messages that come later are dropped.
     ///

@@ -17,7 +17,7 @@ use zenoh::key_expr::KeyExpr;
 use zenoh::query::Query;
 
 use crate::Moment;
-use crate::answers::{reply_error, reply_json};
+use crate::answers::reply_json;
 use crate::board::Board;
 use crate::decode::DecodeLimits;
 use crate::desk::{Desk, lock};
@@ -26,6 +26,7 @@ use crate::governor::Governor;
 use crate::law::acceleration_limits;
 use crate::lease::LeaseWatch;
 use crate::mailbox::Mailbox;
+use crate::metrics::Event;
 use crate::outlet::Outlet;
 use crate::ownership::SecretCheck;
 use crate::quotas::pixels;
@@ -75,7 +76,7 @@ impl Registrar {
     fn answer_create(&mut self, query: &Query) {
         match self.create(query) {
             Ok(reply) => reply_json(query, query.key_expr().to_string(), &body::write(&reply)),
-            Err(error) => reply_error(query, &error),
+            Err(error) => self.shared.refuse(query, &error),
         }
     }
 
@@ -106,7 +107,9 @@ impl Registrar {
         let frame_secret = Some(frame_secret);
         let reply = CreateReply { task: desk.key.clone(), epoch: desk.epoch, secret, frame_secret };
         desk.created();
-        tracing::info!(task = %desk.key, method = settings.method.word(), "created");
+        self.shared.metrics.happened(Event::TaskCreated);
+        let (task, client, epoch) = (&desk.key, &desk.key.client, desk.epoch);
+        tracing::info!(%task, %client, epoch, method = settings.method.word(), "created");
         Ok(reply)
     }
 
@@ -154,7 +157,8 @@ impl Registrar {
         }
         desk.created();
         let took_ms = now.saturating_sub(lost).as_millis() as u64;
-        tracing::info!(%task, epoch, phase = ?progress.phase, took_ms, "took over");
+        self.shared.metrics.happened(Event::TaskTakenOver);
+        tracing::info!(%task, client = %task.client, epoch, phase = ?progress.phase, took_ms, "took over");
     }
 
     fn check_settings(&self, settings: &TaskSettings) -> Result<(), ErrorReply> {
@@ -182,7 +186,8 @@ impl Registrar {
         lock(&desk.outlet).halt(Some(Status::Stopped), self.shared.now());
         self.endpoints.remove(task);
         desk.forget();
-        tracing::info!(%task, "closed");
+        self.shared.metrics.happened(Event::TaskClosed);
+        tracing::info!(%task, client = %task.client, "closed");
     }
 }
 

@@ -4,6 +4,7 @@
 //! does not find back to one of them before that. Then the service opens the next session, under the same name; what the worker still
 //! owned is gone on with by whoever is first, the others or the next session.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -14,14 +15,13 @@ use tokio::time::{Instant, sleep};
 use zenoh::{Config, Session};
 
 use crate::config::ServerConfig;
+use crate::metrics::{Metrics, MetricsEndpoint};
 use crate::replica::{Carried, epoch};
 use crate::state_dir::StateDir;
-use crate::worker::{ServiceError, Worker};
+use crate::worker::{SESSION_CLOSE, ServiceError, Worker};
 
 /// Between two tries to open the next session.
 const PAUSE: Duration = Duration::from_millis(200);
-/// How long the last writing of states may take.
-const SAVING: Duration = Duration::from_secs(1);
 /// How long the token of a worker of the same name may take to go: one that was killed has just been lost.
 const NAME_LIMIT: Duration = Duration::from_secs(3);
 /// How long the tokens of the others may take to come.
@@ -30,6 +30,7 @@ const TOKENS: Duration = Duration::from_millis(500);
 /// A running service. Ends with [`Service::shutdown`]; dropped, it ends in the same order, but nobody waits for it.
 pub struct Service {
     worker: Name,
+    metrics: Option<MetricsEndpoint>,
     end: oneshot::Sender<()>,
     supervisor: JoinHandle<()>,
 }
@@ -44,16 +45,24 @@ impl Service {
         let worker = free_name(&config, &session).await?;
         let config = ServerConfig { worker: worker.to_string(), ..config };
         let zenoh = next_session(&session)?;
+        let counted = Arc::new(Metrics::new()?);
+        // Before any worker runs: the address may be taken. It outlives the workers, as the counters do.
+        let metrics = open_metrics(&config, &counted).await?;
         let (states, carried) = open_states(&config)?;
-        let first = Worker::start(config.clone(), session, carried, states.clone()).await?;
+        let first = Worker::start(config.clone(), session, carried, states.clone(), Arc::clone(&counted)).await?;
         let (end, ended) = oneshot::channel();
-        let supervisor = tokio::spawn(supervise(Next { config, zenoh, states }, first, ended));
-        Ok(Service { worker, end, supervisor })
+        let supervisor = tokio::spawn(supervise(Next { config, zenoh, states, metrics: counted }, first, ended));
+        Ok(Service { worker, metrics, end, supervisor })
     }
 
     /// The name of this worker.
     pub fn worker(&self) -> &Name {
         &self.worker
+    }
+
+    /// Where `GET /metrics` is answered, if it is.
+    pub fn metrics_address(&self) -> Option<SocketAddr> {
+        self.metrics.as_ref().map(MetricsEndpoint::address)
     }
 
     /// Zeros for every task, then the end of the session, the threads and the recording. Other workers go on with the tasks.
@@ -73,7 +82,7 @@ async fn supervise(next: Next, first: Worker, mut ended: oneshot::Receiver<()>) 
             _ = &mut ended => break,
             () = worker.fenced() => {}
         }
-        let carried = worker.shutdown().await;
+        let carried = worker.shutdown(async {}).await;
         tracing::warn!(
             tasks = carried.len(),
             "fenced: a new session follows, with the tasks that nobody else has taken"
@@ -83,8 +92,7 @@ async fn supervise(next: Next, first: Worker, mut ended: oneshot::Receiver<()>) 
             worker = next.worker(carried) => worker,
         };
     }
-    worker.shutdown().await;
-    next.end().await;
+    worker.shutdown(next.end()).await;
 }
 
 /// What the next worker is made from.
@@ -92,6 +100,7 @@ struct Next {
     config: ServerConfig,
     zenoh: Config,
     states: Option<Arc<StateDir>>,
+    metrics: Arc<Metrics>,
 }
 
 impl Next {
@@ -100,7 +109,8 @@ impl Next {
         loop {
             match zenoh::open(self.zenoh.clone()).await {
                 Ok(session) => {
-                    match Worker::start(self.config.clone(), session, carried.clone(), self.states.clone()).await {
+                    let (config, states) = (self.config.clone(), self.states.clone());
+                    match Worker::start(config, session, carried.clone(), states, Arc::clone(&self.metrics)).await {
                         Ok(worker) => return worker,
                         Err(error) => tracing::error!(%error, "the worker could not start again"),
                     }
@@ -114,10 +124,17 @@ impl Next {
     /// Writes what is still to be written.
     async fn end(self) {
         let Some(states) = self.states else { return };
-        if tokio::task::spawn_blocking(move || states.close(SAVING)).await.is_err() {
+        if tokio::task::spawn_blocking(move || states.close(SESSION_CLOSE)).await.is_err() {
             tracing::error!("the state directory ended by a panic");
         }
     }
+}
+
+/// The page of the metrics, if somebody wants one.
+async fn open_metrics(config: &ServerConfig, metrics: &Arc<Metrics>) -> Result<Option<MetricsEndpoint>, ServiceError> {
+    let Some(address) = config.metrics_address() else { return Ok(None) };
+    let opened = MetricsEndpoint::open(address, metrics).await;
+    opened.map(Some).map_err(|source| ServiceError::MetricsAddress { address, source })
 }
 
 /// The state directory, if there is one, and what a worker has left in it.

@@ -2,6 +2,7 @@
 //! clock watches them, the pool computes.
 
 use std::collections::HashMap;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
@@ -21,12 +22,14 @@ use zenoh::sample::{Sample, SampleKind};
 use crate::clerk::{Asker, Clerks, Note};
 use crate::config::ServerConfig;
 use crate::desk::{Desk, lock};
+use crate::metrics::{Asked, Dropped, Event, Metrics};
 use crate::pool::Pool;
-use crate::record::{RecordError, Recorder};
+use crate::record::{RecordCounts, RecordError, Recorder};
 use crate::registrar::{Job, Registrar};
 use crate::replica::{self, Carried, Inbox, Listening, Standby};
 use crate::state_dir::StateDir;
 use crate::tenants::{Doing, Tenants};
+use crate::throttle::Throttle;
 use crate::{Moment, clock};
 
 /// Jobs that may wait for the registrar; more are dropped, and their clients see an empty answer.
@@ -35,10 +38,11 @@ const JOBS: usize = 256;
 const RECORDED_FRAMES: usize = 64;
 /// What the last zeros get before the session ends: Zenoh sends the end of a token before any data that waits.
 const HEAD_START: Duration = Duration::from_millis(20);
-/// How long the threads may take to end.
-const THREADS_END: Duration = Duration::from_millis(1500);
-/// How long the end of a recording may take.
-const RECORD_CLOSE: Duration = Duration::from_secs(1);
+/// How long the threads may take to end: longer only if one hangs in a reply to a client that does not read.
+const THREADS_END: Duration = Duration::from_millis(700);
+/// How long the session may take to close, and meanwhile the recording and whatever else is written. With the threads' time it stays
+/// under two seconds, whatever hangs.
+pub(crate) const SESSION_CLOSE: Duration = Duration::from_millis(800);
 
 /// Why a worker could not start.
 #[derive(Debug, thiserror::Error)]
@@ -72,6 +76,17 @@ pub enum ServiceError {
     /// The recording could not begin.
     #[error(transparent)]
     Record(#[from] RecordError),
+    /// Nobody can listen where the metrics should be.
+    #[error("cannot serve metrics on {address}: {source}")]
+    MetricsAddress {
+        /// The address.
+        address: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The metrics contradict each other.
+    #[error("cannot make the metrics: {0}")]
+    Metrics(#[from] prometheus::Error),
 }
 
 impl From<zenoh::Error> for ServiceError {
@@ -103,7 +118,6 @@ pub(crate) struct Shared {
     pub(crate) desks: Mutex<HashMap<String, Arc<Desk>>>,
     pub(crate) tenants: Tenants,
     clerks: Clerks,
-    dropped_notes: AtomicU64,
     /// How many tokens of clients there are, counted only.
     clients: AtomicI64,
     jobs: flume::Sender<Job>,
@@ -116,6 +130,15 @@ pub(crate) struct Shared {
     carried: Mutex<Vec<Carried>>,
     origin: Instant,
     wall_origin_ns: u64,
+    /// The service's: one worker after another counts on.
+    pub(crate) metrics: Arc<Metrics>,
+    /// What the recordings of the workers before this one have counted.
+    recorded_before: RecordCounts,
+    /// Which refusals the log says.
+    pub(crate) refusals: Throttle<{ ErrorCode::ALL.len() }>,
+    busy_lines: Throttle<1>,
+    /// When the clock last looked, nanoseconds.
+    clock_looked_ns: AtomicU64,
     busy_ns: AtomicU64,
     load: AtomicU64,
 }
@@ -127,11 +150,12 @@ impl Worker {
         session: Session,
         carried: Vec<Carried>,
         states: Option<Arc<StateDir>>,
+        metrics: Arc<Metrics>,
     ) -> Result<Worker, ServiceError> {
         let (jobs, waiting) = flume::bounded(JOBS);
         let (inbox, news) = Inbox::new(config.replica.bytes);
         let (clerks, trays) = Clerks::new();
-        let shared = Arc::new(Shared::new(config, session, jobs, clerks, inbox, states)?);
+        let shared = Arc::new(Shared::new(config, session, jobs, clerks, inbox, states, metrics)?);
         trays.work_off(&shared)?;
         let registrar = {
             let shared = Arc::clone(&shared);
@@ -151,6 +175,7 @@ impl Worker {
         };
         let (queryables, subscribers) = declare(&shared).await?;
         let listening = replica::declare(&shared).await?;
+        shared.metrics.show(&shared);
         tracing::info!(worker = %shared.worker, threads = shared.config.compute_threads(), "ready");
         Ok(Worker {
             shared,
@@ -168,8 +193,9 @@ impl Worker {
         self.shared.fenced.notified().await;
     }
 
-    /// Zeros for every task, then the end of the session, the threads and the recording. Returns the tasks that it owned to the end.
-    pub(crate) async fn shutdown(self) -> Vec<Carried> {
+    /// Zeros for every task, then the end of the threads, then of the session and the recording, and `meanwhile` beside these. Returns the
+    /// tasks that it owned to the end.
+    pub(crate) async fn shutdown(self, meanwhile: impl Future<Output = ()>) -> Vec<Carried> {
         let (closing, clock) = self.clock;
         drop(closing);
         let ends = async {
@@ -180,15 +206,8 @@ impl Worker {
         if tokio::time::timeout(THREADS_END, ends).await.is_err() {
             tracing::warn!("a thread of the worker hangs in a reply; it ends with the session");
         }
-        if let Err(error) = self.shared.session.close().await {
-            tracing::warn!(%error, "the session did not close cleanly");
-        }
-        if let Some(recorder) = &self.shared.recorder {
-            match recorder.close(RECORD_CLOSE) {
-                Ok(counts) => tracing::info!(?counts, "recording finished"),
-                Err(error) => tracing::error!(%error, "recording"),
-            }
-        }
+        tokio::join!(self.shared.close_session(), self.shared.close_recording(), meanwhile);
+        self.shared.metrics.keep_recorded(self.shared.recorded());
         tracing::info!(worker = %self.shared.worker, "stopped");
         std::mem::take(&mut *lock(&self.shared.carried))
     }
@@ -202,6 +221,7 @@ impl Shared {
         clerks: Clerks,
         inbox: Inbox,
         states: Option<Arc<StateDir>>,
+        metrics: Arc<Metrics>,
     ) -> Result<Shared, ServiceError> {
         let worker = config.worker_name();
         let wall = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
@@ -222,7 +242,6 @@ impl Shared {
             recorder,
             desks: Mutex::default(),
             clerks,
-            dropped_notes: AtomicU64::new(0),
             clients: AtomicI64::new(0),
             jobs,
             inbox,
@@ -231,9 +250,48 @@ impl Shared {
             carried: Mutex::default(),
             origin: Instant::now(),
             wall_origin_ns: u64::try_from(wall.as_nanos()).unwrap_or(u64::MAX),
+            recorded_before: metrics.kept_recorded(),
+            metrics,
+            refusals: Throttle::new(),
+            busy_lines: Throttle::new(),
+            clock_looked_ns: AtomicU64::new(0),
             busy_ns: AtomicU64::new(0),
             load: AtomicU64::new(0),
         })
+    }
+
+    async fn close_session(&self) {
+        match tokio::time::timeout(SESSION_CLOSE, self.session.close().into_future()).await {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => tracing::warn!(%error, "the session did not close cleanly"),
+            Err(_late) => tracing::warn!(limit = ?SESSION_CLOSE, "the session did not close in time"),
+        }
+    }
+
+    async fn close_recording(&self) {
+        let Some(recorder) = self.recorder.clone() else { return };
+        // Plain waiting for a disk: on a thread of its own. Bounded by its own limit; a panic in it has been said.
+        let _ = tokio::task::spawn_blocking(move || match recorder.close(SESSION_CLOSE) {
+            Ok(counts) => tracing::info!(?counts, "recording finished"),
+            Err(error) => tracing::error!(%error, "recording"),
+        })
+        .await;
+    }
+
+    /// What this service's recordings have counted.
+    pub(crate) fn recorded(&self) -> RecordCounts {
+        let counts = self.recorder.as_ref().map(|recorder| recorder.counts()).unwrap_or_default();
+        self.recorded_before.and(&counts)
+    }
+
+    /// The clock is alive.
+    pub(crate) fn clock_looks(&self, now: Moment) {
+        self.clock_looked_ns.store(u64::try_from(now.as_nanos()).unwrap_or(u64::MAX), Ordering::Relaxed);
+    }
+
+    /// For how long the clock has not looked.
+    pub(crate) fn clock_silence(&self) -> Duration {
+        self.now().saturating_sub(Duration::from_nanos(self.clock_looked_ns.load(Ordering::Relaxed)))
     }
 
     /// Now, by the worker's clock.
@@ -280,16 +338,21 @@ impl Shared {
     /// Hands a short answer to a clerk without waiting. One that finds no room is dropped and counted: whoever asked sees an
     /// empty answer.
     pub(crate) fn note(&self, asker: Asker, note: Note) {
+        let is_frame = matches!(note, Note::TwistRefused(..));
         if !self.clerks.give(asker, note) {
+            if is_frame {
+                self.metrics.dropped(Dropped::NoRoom);
+            }
             self.dropped_note("a short answer");
         }
     }
 
-    /// Counts what found no room; the first of every thousand is logged.
+    /// Counts what found no room; a few a second are logged.
     pub(crate) fn dropped_note(&self, what: &str) {
-        let before = self.dropped_notes.fetch_add(1, Ordering::Relaxed);
-        if before % 1000 == 0 {
-            tracing::warn!(what, dropped = before + 1, "more is asked than can be answered; dropped");
+        self.metrics.happened(Event::RequestDropped);
+        if let Some(left_out) = self.busy_lines.admit(0, self.now()) {
+            let dropped = self.metrics.how_often(Event::RequestDropped);
+            tracing::warn!(what, left_out, dropped, "more is asked than can be answered; dropped");
         }
     }
 
@@ -351,8 +414,12 @@ impl Shared {
             max_pixels: self.config.limits.pixels_per_frame as u64,
             max_payload_bytes: self.config.limits.bytes_per_payload as u64,
             quotas: self.quotas(),
-            unanswered: self.dropped_notes.load(Ordering::Relaxed),
-            uptime_s: self.now().as_secs_f64(),
+            unanswered: self.metrics.how_often(Event::RequestDropped),
+            uptime_s: self.metrics.uptime().as_secs_f64(),
+            clients: u32::try_from(self.clients.load(Ordering::Acquire)).unwrap_or(0),
+            memory_bytes: crate::metrics::resident_bytes(),
+            recorder_dropped: self.recorded().dropped.total(),
+            counts: self.metrics.counts(),
             ..WorkerInfo::new(self.worker.clone())
         }
     }
@@ -367,7 +434,10 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
     };
     let info = {
         let shared = Arc::clone(shared);
-        move |query: Query| shared.note(Asker::Stranger, Note::Info(query))
+        move |query: Query| {
+            shared.metrics.asked(Asked::Info);
+            shared.note(Asker::Stranger, Note::Info(query));
+        }
     };
     let stop = {
         let shared = Arc::clone(shared);
@@ -378,6 +448,7 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
         move |query: Query| {
             // A session hands a query to all of its queryables that match, the tasks' own among them.
             if shared.is_unclaimed(query.key_expr()) {
+                shared.metrics.asked(Asked::Unclaimed);
                 shared.note(Asker::Stranger, Note::Unclaimed(query));
             }
         }
@@ -405,6 +476,7 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
 /// A client that creates too fast is told so, and takes no other's place at the registrar. A name that is none has no account: the
 /// registrar says so.
 fn enqueue_create(shared: &Shared, query: Query) {
+    shared.metrics.asked(Asked::Create);
     let client = shared.keys.parse_create(query.key_expr().as_str()).map(|(_, client)| client);
     let now = shared.now();
     let may = client.map_or(Ok(()), |client| shared.tenants.of(&client, now).may(Doing::Creation, now));

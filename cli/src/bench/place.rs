@@ -4,11 +4,12 @@
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpListener;
 use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, ensure};
 use clap::Args;
 use domvs_client::{Client, ClientOptions, Task, zenoh_config};
 use domvs_proto::settings::TaskSettings;
@@ -71,7 +72,7 @@ impl Place {
             let configs = [config.clone(), config];
             return Ok(Place { worker: None, echo_name, prefix: network.prefix.clone(), configs, _echo: echo });
         }
-        let mut serve = ["serve", "--prefix", &network.prefix].map(str::to_owned).to_vec();
+        let mut serve = ["serve", "--while-stdin-is-open", "--prefix", &network.prefix].map(str::to_owned).to_vec();
         if let Some(file) = &options.config {
             serve.extend(["--config".to_owned(), file.display().to_string()]);
         }
@@ -125,8 +126,10 @@ pub async fn started(
 }
 
 /// A process of this program that does not outlive this one's use of it.
-struct Background {
+pub(super) struct Background {
     child: Child,
+    /// What it says on standard output.
+    lines: Mutex<Receiver<String>>,
 }
 
 impl Background {
@@ -145,22 +148,55 @@ impl Background {
     }
 
     /// Returns when the process has said that it is ready: its first line.
-    fn start(arguments: &[String]) -> anyhow::Result<Background> {
+    pub(super) fn start(arguments: &[String]) -> anyhow::Result<Background> {
         let program = std::env::current_exe().context("this program does not know where it is")?;
         let mut command = Command::new(program);
         command.args(arguments).env_remove("ZENOH_CONFIG");
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut background = Background { child: command.spawn().context("cannot start a process")? };
-        let lines = lines_of(background.child.stdout.take().expect("it is piped"));
-        let errors = lines_of(background.child.stderr.take().expect("it is piped"));
-        match lines.recv_timeout(READY) {
-            Ok(_ready) => Ok(background),
-            Err(_ended_or_late) => {
+        let mut child = command.spawn().context("cannot start a process")?;
+        let lines = lines_of(child.stdout.take().expect("it is piped"));
+        let errors = lines_of(child.stderr.take().expect("it is piped"));
+        let background = Background { child, lines: Mutex::new(lines) };
+        match background.line(READY) {
+            Some(_ready) => Ok(background),
+            None => {
                 drop(background);
                 let said: Vec<String> = errors.iter().collect();
                 Err(anyhow!("`domvs {}` did not get ready within {READY:?}: {}", arguments.join(" "), said.join(" ")))
             }
         }
+    }
+}
+
+impl Background {
+    /// The next line that it says, if one comes.
+    pub(super) fn line(&self, limit: Duration) -> Option<String> {
+        self.lines.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(limit).ok()
+    }
+
+    /// Its number in the system.
+    pub(super) fn process(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// How it ended, if it has.
+    pub(super) fn ended(&mut self) -> Option<ExitStatus> {
+        self.child.try_wait().ok().flatten()
+    }
+
+    /// Ends it at once, as a crash would.
+    pub(super) fn kill(&mut self) {
+        // It may have ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
+    /// Sends it a signal, such as `STOP`, by the shell's own `kill`.
+    pub(super) fn signal(&self, signal: &str) -> anyhow::Result<()> {
+        let words = format!("kill -{signal} {}", self.process());
+        let status = Command::new("sh").args(["-c", &words]).status().context("cannot start sh")?;
+        ensure!(status.success(), "`{words}` failed: {status}");
+        Ok(())
     }
 }
 
@@ -180,7 +216,6 @@ fn lines_of(pipe: impl Read + Send + 'static) -> Receiver<String> {
 impl Drop for Background {
     fn drop(&mut self) {
         // It may have ended already, by the same Ctrl-C.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        self.kill();
     }
 }

@@ -27,6 +27,11 @@ pub fn rss_mb(process: u32) -> Option<f64> {
     Some(line.trim().strip_suffix("kB")?.trim().parse::<f64>().ok()? * 1024.0 / 1e6)
 }
 
+/// Open file descriptors of a process.
+pub fn open_files(process: u32) -> Option<usize> {
+    Some(std::fs::read_dir(format!("/proc/{process}/fd")).ok()?.count())
+}
+
 /// Resident memory over a while, MB.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MemoryOverTime {
@@ -83,6 +88,7 @@ mod tests {
         let this = std::process::id();
         assert!(cpu_s(this).is_some_and(|seconds| seconds >= 0.0));
         assert!(rss_mb(this).is_some_and(|mb| mb > 0.5));
+        assert!(open_files(this).is_some_and(|files| files >= 3));
         let seen = MemoryWatch::start(this).finish().expect("the process runs");
         assert!(seen.peak >= seen.begin);
         assert_eq!((cpu_s(u32::MAX), rss_mb(u32::MAX)), (None, None));

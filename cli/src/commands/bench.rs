@@ -1,9 +1,11 @@
-//! `domvs bench`: does this machine keep up? One verb for the law alone, one for the way over the network, one for many tasks at once.
+//! `domvs bench`: does this machine keep up? One verb for the law alone, one for the way over the network, one for many tasks at once, one for everything that can go wrong meanwhile.
 
+mod deaf;
 mod echo;
 mod images;
 mod load;
 mod roundtrip;
+mod soak;
 mod step;
 
 use std::process::ExitCode;
@@ -33,7 +35,10 @@ enum Verb {
     Step(step::StepArgs),
     Roundtrip(roundtrip::RoundtripArgs),
     Load(load::LoadArgs),
+    Soak(soak::SoakArgs),
     Images(images::ImagesArgs),
+    #[command(hide = true)]
+    Deaf(deaf::DeafArgs),
     #[command(hide = true)]
     Echo(echo::EchoArgs),
 }
@@ -47,7 +52,9 @@ pub fn run(args: &BenchArgs, paint: Paint, paint_errors: Paint) -> anyhow::Resul
         Verb::Step(args) => step::run(args, paint, paint_errors),
         Verb::Roundtrip(args) => roundtrip::run(args, paint, paint_errors),
         Verb::Load(args) => load::run(args, paint, paint_errors),
+        Verb::Soak(args) => soak::run(args, paint, paint_errors),
         Verb::Images(args) => images::run(args),
+        Verb::Deaf(args) => deaf::run(args),
         Verb::Echo(args) => echo::run(args),
     }
 }

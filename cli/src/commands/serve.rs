@@ -1,24 +1,29 @@
 //! `domvs serve`: one worker, until it is told to end.
 
+mod signals;
+
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::Args;
 use domvs_client::{DEFAULT_ENDPOINT, zenoh_config};
 use domvs_server::{ServerConfig, Service};
-use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use crate::exit;
 use crate::network::router_config;
 use crate::paint::{Paint, print_line};
+use signals::Signals;
 
 /// Run the service
 ///
 /// Without any network option it is its own router, on tcp/127.0.0.1:7447: cameras, clients and arms on this machine
 /// connect to it. With --listen tcp/0.0.0.0:7447 others reach it too (nothing is encrypted then); with --endpoint it
-/// joins a router that runs elsewhere. SIGTERM or Ctrl-C ends it in order, zeros first; a second one ends it at once.
+/// joins a router that runs elsewhere. SIGTERM or Ctrl-C ends it in order, zeros first, in less than two seconds whatever hangs; a second
+/// one ends it at once.
 #[derive(Args, Clone, Debug)]
+#[command(after_help = AFTER_HELP)]
 pub struct ServeArgs {
     /// The worker's configuration (TOML); deploy/server.toml lists every entry with its default
     #[arg(long, value_name = "FILE")]
@@ -31,6 +36,12 @@ pub struct ServeArgs {
     /// A folder in which this worker, if it is alone, keeps its tasks over a restart; those that ran come back paused
     #[arg(long, value_name = "FOLDER")]
     state: Option<PathBuf>,
+    /// Answer GET /metrics (Prometheus) and GET /healthz here, such as 127.0.0.1:9464 [default: nowhere]
+    ///
+    /// Plain HTTP without any authentication: keep it on the loopback or on a network of your own. Names of clients and
+    /// tasks are not on the page.
+    #[arg(long, value_name = "ADDR:PORT")]
+    metrics: Option<SocketAddr>,
 
     /// Name of this worker [default: made up at every start]
     #[arg(long, value_name = "NAME")]
@@ -51,7 +62,20 @@ pub struct ServeArgs {
     /// A Zenoh configuration file (JSON5); one with mode "router" makes the service its own router
     #[arg(long, value_name = "FILE", env = "ZENOH_CONFIG")]
     zenoh_config: Option<PathBuf>,
+
+    /// End as after a signal when standard input ends: for whoever starts this and may be killed
+    #[arg(long, hide = true)]
+    while_stdin_is_open: bool,
 }
+
+const AFTER_HELP: &str = "\
+Exit codes:
+  0  a signal ended it in order, or came before it was ready
+  1  it could not start; standard error says why
+  2  the command line was not understood
+  4  forced: by a second signal, or because the end in order took two seconds
+
+Log: standard error, -v for more, --log-format json for machines; DOMVS_LOG, or else RUST_LOG, takes a filter (docs/operating.md).";
 
 /// Serves until a signal comes.
 ///
@@ -60,7 +84,11 @@ pub struct ServeArgs {
 pub fn run(args: &ServeArgs, paint: Paint) -> anyhow::Result<ExitCode> {
     give_memory_back();
     let config = server_config(args)?;
-    crate::runtime()?.block_on(serve(args, config, paint))
+    let runtime = crate::runtime()?;
+    let ended = runtime.block_on(serve(args, config, paint));
+    // A thread that hangs in a reply or at a disk would be waited for.
+    runtime.shutdown_background();
+    ended
 }
 
 /// Starts this program anew, as the same process, with glibc told to map every buffer of 128 KiB or more by itself. Left alone it
@@ -87,11 +115,17 @@ fn give_memory_back() {}
 
 async fn serve(args: &ServeArgs, config: ServerConfig, paint: Paint) -> anyhow::Result<ExitCode> {
     // Before anything is announced: a signal from here on ends the service in order.
-    let mut signals = [signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?];
+    let mut signals = Signals::listen()?;
+    if args.while_stdin_is_open {
+        signals::end_with_stdin()?;
+    }
     // A configuration may make Zenoh wait for its router for ever.
     let session = tokio::select! {
         session = zenoh::open(session_config(args)?) => session,
-        () = any(&mut signals) => bail!("ended by a signal before the router was found"),
+        () = signals.first() => {
+            print_line("ended by a signal before the router was found")?;
+            return Ok(exit::done());
+        }
     };
     let session = session.map_err(|error| anyhow::Error::from_boxed(error).context(unreachable_hint(args)))?;
     let record = config.record.clone();
@@ -100,18 +134,21 @@ async fn serve(args: &ServeArgs, config: ServerConfig, paint: Paint) -> anyhow::
     if !record.as_os_str().is_empty() {
         print_line(&format!("recording to {}", record.display()))?;
     }
-    any(&mut signals).await;
-    print_line("stopping: zeros first")?;
-    tokio::select! {
-        () = service.shutdown() => Ok(exit::done()),
-        () = any(&mut signals) => bail!("ended at once by a second signal"),
+    if let Some(address) = service.metrics_address() {
+        print_line(&format!("metrics on http://{address}/metrics"))?;
     }
+    signals.first().await;
+    say_without_waiting("stopping: zeros first");
+    service.shutdown().await;
+    signals.ended_in_order();
+    Ok(exit::done())
 }
 
-async fn any([terminate, interrupt]: &mut [Signal; 2]) {
-    tokio::select! {
-        _ = terminate.recv() => {}
-        _ = interrupt.recv() => {}
+/// Whoever reads standard output may stand still; the zeros must not wait for that.
+fn say_without_waiting(line: &'static str) {
+    let said = std::thread::Builder::new().name("last-words".into()).spawn(move || print_line(line));
+    if let Err(error) = said {
+        tracing::debug!(%error, line, "not said");
     }
 }
 
@@ -125,6 +162,9 @@ fn server_config(args: &ServeArgs) -> anyhow::Result<ServerConfig> {
     }
     if let Some(state) = &args.state {
         config.state.clone_from(state);
+    }
+    if let Some(metrics) = &args.metrics {
+        config.metrics = metrics.to_string();
     }
     if let Some(worker) = &args.worker {
         config.worker.clone_from(worker);

@@ -116,3 +116,22 @@ fn the_impossible_is_refused_with_the_numbers() {
     refused(2, &["load", "--overload", "3", "--rate", "10"], &["--overload", "--rate"]);
     refused(1, &["roundtrip", "-e", "tcp/127.0.0.1:1", "--size", "32x32"], &["127.0.0.1:1"]);
 }
+
+/// Too short for memory to say anything; every fault comes all the same.
+#[test]
+fn a_short_soak_judges_every_twist_and_finds_no_wrong_motion() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = ["soak", "--minutes", "0.3", "--tasks", "4", "--seed", "7", "--json", "--out", "out"];
+    let output = bench(folder.path(), &short);
+    let verdict: Value = serde_json::from_slice(&output.stdout)
+        .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&output.stderr)));
+    let checks = verdict["checks"].as_array().unwrap();
+    // What is said of motion must hold on any machine; a busy one may be too slow for the rest within seconds.
+    for check in &checks[..7] {
+        assert_eq!(check["held"], true, "{check}");
+    }
+    assert_eq!(output.status.code(), Some(if verdict["passed"] == true { 0 } else { 1 }));
+    has_positive(&verdict["figures"], &["frames sent", "twists", "answers and commands"]);
+    assert_eq!(verdict["faults"]["worker killed"], 1);
+    assert!(folder.path().join("out/soak.json").exists());
+}

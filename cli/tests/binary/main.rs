@@ -6,5 +6,6 @@ mod bench;
 mod demo;
 mod experiment;
 mod network;
+mod serve;
 mod standstill;
 mod twist;

@@ -12,7 +12,7 @@ use domvs_proto::frame::{DepthFormat, FrameHeader, PixelFormat, Secret};
 use domvs_proto::keys::{Name, TaskKey};
 use domvs_proto::messages::{
     CameraInfo, Control, ControlReply, CreateReply, ErrorCode, ErrorReply, FramesDropped, Phase, Progress, Quotas,
-    StateMessage, StatusMessage, TargetReference, TaskClosed, TaskProgress, TaskState, WorkerInfo,
+    StateMessage, StatusMessage, TargetReference, TaskClosed, TaskProgress, TaskState, WorkerCounts, WorkerInfo,
 };
 use domvs_proto::settings::{
     AdaptiveGain, Camera, Depth, DepthScale, Frames, Gain, Holes, Krawtchouk, KrawtchoukP, Lattice, Lease, Light,
@@ -264,6 +264,20 @@ fn worker_info_is_as_printed() {
         },
         unanswered: 3,
         uptime_s: 3600.5,
+        clients: 3,
+        memory_bytes: 104_857_600,
+        recorder_dropped: 1,
+        counts: WorkerCounts {
+            frames_in: 1200,
+            twists: 1100,
+            zeros: 90,
+            frames_dropped: FramesDropped { superseded: 8, bad: 5, stale: 4, overloaded: 3, deadline: 2, not_owner: 1 },
+            requests: 1300,
+            refusals: 6,
+            watchdog_brakes: 7,
+            clients_lost: 1,
+            panics: 0,
+        },
         ..WorkerInfo::new(name("w1"))
     };
     same_as_file("worker_info.json", &info);
@@ -327,7 +341,7 @@ fn progress(status: Status, phase: Phase) -> Progress {
         initial_pixel_mse: Some(0.0625),
         initial_order_mse: Some(0.03125),
         frames_in: 120,
-        frames_dropped: FramesDropped { superseded: 3, bad: 1, stale: 2, overloaded: 0, deadline: 0 },
+        frames_dropped: FramesDropped { superseded: 3, bad: 1, stale: 2, overloaded: 0, deadline: 0, not_owner: 0 },
     }
 }
 

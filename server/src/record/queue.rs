@@ -117,6 +117,19 @@ pub struct LaneCounts {
 }
 
 impl LaneCounts {
+    /// All lanes together.
+    pub fn total(&self) -> u64 {
+        self.frames + self.targets + self.notes
+    }
+
+    fn and(&self, more: &LaneCounts) -> LaneCounts {
+        LaneCounts {
+            frames: self.frames + more.frames,
+            targets: self.targets + more.targets,
+            notes: self.notes + more.notes,
+        }
+    }
+
     fn add_one(&mut self, lane: Lane) {
         match lane {
             Lane::Frames => self.frames += 1,
@@ -135,6 +148,14 @@ pub struct RecordCounts {
     pub dropped: LaneCounts,
     /// A write failed and ended the recording.
     pub failed: bool,
+}
+
+impl RecordCounts {
+    /// The messages of two recordings; whether the later one, `more`, has failed.
+    pub(crate) fn and(&self, more: &RecordCounts) -> RecordCounts {
+        let (written, dropped) = (self.written.and(&more.written), self.dropped.and(&more.dropped));
+        RecordCounts { written, dropped, failed: more.failed }
+    }
 }
 
 /// What the writer does next.
@@ -237,6 +258,11 @@ impl Queue {
 
     pub(super) fn counts(&self) -> RecordCounts {
         self.state().counts
+    }
+
+    /// Bytes that wait to be written.
+    pub(super) fn waiting_bytes(&self) -> usize {
+        self.state().waiting.iter().map(|room| room.bytes).sum()
     }
 
     /// True once the writer has ended; waits at most `limit` for that.

@@ -16,6 +16,7 @@ mod life;
 mod load;
 mod logs;
 mod methods;
+mod metrics;
 mod pictures;
 mod pushed;
 mod recording;
