@@ -327,7 +327,7 @@ fn progress(status: Status, phase: Phase) -> Progress {
         initial_pixel_mse: Some(0.0625),
         initial_order_mse: Some(0.03125),
         frames_in: 120,
-        frames_dropped: FramesDropped { superseded: 3, bad: 1, stale: 2, overloaded: 0, deadline: 0 },
+        frames_dropped: FramesDropped { superseded: 3, bad: 1, stale: 2, overloaded: 0, deadline: 0, not_owner: 0 },
     }
 }
 
