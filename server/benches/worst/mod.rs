@@ -86,7 +86,7 @@ fn scan(first: u8, last: u8, approximation: u8) -> Vec<u8> {
 }
 
 fn segment(marker: u8, content: &[u8]) -> Vec<u8> {
-    [&[0xff, marker], &(content.len() as u16 + 2).to_be_bytes()[..], content].concat()
+    [&[0xff, marker][..], &(content.len() as u16 + 2).to_be_bytes(), content].concat()
 }
 
 /// Bits as bytes, filled with ones, and an `ff` among them stuffed.

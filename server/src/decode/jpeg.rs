@@ -242,7 +242,7 @@ mod tests {
 
     fn segment(marker: u8, content: &[u8]) -> Vec<u8> {
         let length = (content.len() as u16 + 2).to_be_bytes();
-        [&[0xff, marker], &length[..], content].concat()
+        [&[0xff, marker][..], &length, content].concat()
     }
 
     /// The picture with these bytes in front of its first scan.

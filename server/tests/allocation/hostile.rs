@@ -38,7 +38,7 @@ pub fn frames_are_refused_before_memory_is_taken() {
     let mut wide = good.clone();
     wide[place(0xc0) + 5..place(0xc0) + 9].copy_from_slice(&[0xff, 0xdc, 0xff, 0xdc]);
     let zeros = png_of_zeros(8000);
-    let profile = chunk(b"iCCP", &[b"bomb\0\0", &image_data(&zeros)[..]].concat());
+    let profile = chunk(b"iCCP", &[&b"bomb\0\0"[..], &image_data(&zeros)].concat());
     let small = png_of_zeros(64);
     for (what, encoding, file, most) in [
         ("JPEG of 65500x65500 pixels", JPEG, wide, LITTLE),
@@ -114,9 +114,9 @@ fn image_data(file: &[u8]) -> Vec<u8> {
 }
 
 fn chunk(kind: &[u8; 4], data: &[u8]) -> Vec<u8> {
-    let named = [kind, data].concat();
+    let named = [&kind[..], data].concat();
     let crc = !named.iter().fold(u32::MAX, |crc, byte| {
         (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 })
     });
-    [&(data.len() as u32).to_be_bytes(), &named[..], &crc.to_be_bytes()].concat()
+    [&(data.len() as u32).to_be_bytes()[..], &named, &crc.to_be_bytes()].concat()
 }
