@@ -1,7 +1,8 @@
 //! How a Domvs process joins Zenoh: a file, endpoints, and a few settings that the service rests on.
 //!
 //! Without a file: client mode, no multicast or gossip scouting (only the endpoints named are contacted), a lease of one second
-//! (a hung peer is noticed after it), and patience with frames of many network packets on slow links.
+//! (a hung peer is noticed after it), attempts at least every second to find a lost router again, and patience with frames of many
+//! network packets on slow links.
 
 use std::path::Path;
 
@@ -16,6 +17,13 @@ pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 
 /// How long a silent link is trusted, in milliseconds; both ends of a link should agree.
 pub const LEASE_MS: u64 = 1000;
+
+/// The pause before the first attempt to find a lost router again, and the longest between two attempts, in milliseconds:
+/// an arm stands still meanwhile. Zenoh's own are 1000 and 4000.
+const RETRY_MS: (u64, u64) = (100, 1000);
+
+/// A handshake that takes longer than this is tried anew, in milliseconds; Zenoh's own is 10 s.
+const OPEN_TIMEOUT_MS: u64 = 2000;
 
 /// How long a frame of many fragments may wait for room on a congested link before it is dropped, in microseconds.
 const FRAGMENT_WAIT_US: u64 = 200_000;
@@ -58,6 +66,9 @@ fn built_in(endpoints: &[String]) -> Result<Config, ClientError> {
     insert(&mut config, "scouting/multicast/enabled", json!(false))?;
     insert(&mut config, "scouting/gossip/enabled", json!(false))?;
     insert(&mut config, "transport/link/tx/lease", json!(LEASE_MS))?;
+    insert(&mut config, "transport/unicast/open_timeout", json!(OPEN_TIMEOUT_MS))?;
+    let retry = json!({ "period_init_ms": RETRY_MS.0, "period_max_ms": RETRY_MS.1, "period_increase_factor": 2 });
+    insert(&mut config, "connect/retry", retry)?;
     insert(
         &mut config,
         "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments",
@@ -88,6 +99,8 @@ mod tests {
         assert_eq!(setting(&config, "mode"), json!("client"));
         assert_eq!(setting(&config, "scouting/multicast/enabled"), json!(false));
         assert_eq!(setting(&config, "transport/link/tx/lease"), json!(LEASE_MS));
+        let retry = setting(&config, "connect/retry");
+        assert_eq!((&retry["period_init_ms"], &retry["period_max_ms"]), (&json!(RETRY_MS.0), &json!(RETRY_MS.1)));
     }
 
     #[test]

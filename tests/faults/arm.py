@@ -51,7 +51,7 @@ class Arm:
         self.position = list(place.read())
         self.velocity = [0.0, 0.0]
         self.until = 0.0
-        self.basis = None  # epoch and capture time of the twist in force
+        self.basis = None  # epoch, sequence and capture time of the twist in force
         self.epoch = 0
         self.capture = 0
         self.ages = []
@@ -89,6 +89,8 @@ class Arm:
         if now - self.ticked > PAUSE_S:
             return "the arm stood still"
         capture = told["capture"]
+        if not capture:
+            return None
         if not newer_epoch and capture <= self.capture and self.capture - capture < 1_000_000_000:
             return "older frame"
         self.capture = capture
@@ -107,10 +109,11 @@ class Arm:
     def set_velocity(self, velocity, now, told):
         """Changes what is in force, and says so if it begins or ends motion or changes its basis."""
         self.velocity = velocity
-        basis = (told["epoch"], told["capture"]) if told else None
+        basis = (told["epoch"], told["sequence"], told["capture"]) if told else None
         if basis != self.basis:
             self.basis = basis
-            self.log({"kind": "motion", "t": now, "v": velocity, "capture": told["capture"] if told else None})
+            _, sequence, capture = basis or (None, None, None)
+            self.log({"kind": "motion", "t": now, "v": velocity, "sequence": sequence, "capture": capture})
 
     def run(self):
         """Every 5 ms: the time that has passed moves the arm, and ends what has expired."""

@@ -25,6 +25,7 @@ class Camera:
         self.rate = arguments.rate
         self.clock_ns = 0
         self.silent = False
+        self.blind = arguments.blind
         self.session = wire.open_session(arguments.endpoint, arguments.lease_ms)
         self.alive = self.session.liveliness().declare_token(f"domvs/camera/{arguments.name}/alive")
         key = arguments.key or f"{arguments.task}/frame"
@@ -45,7 +46,7 @@ class Camera:
 
     def send(self, sequence):
         now = time.monotonic()
-        capture = time.time_ns() + self.clock_ns
+        capture = 0 if self.blind else time.time_ns() + self.clock_ns
         position = self.place.read()
         pattern = world.swing(now)
         shift = [there - here for there, here in zip(pattern, position)]
@@ -69,6 +70,7 @@ def main():
     parser.add_argument("--key", help="publish frames here instead of the task's own key")
     parser.add_argument("--name", default="lab")
     parser.add_argument("--rate", type=float, default=20.0)
+    parser.add_argument("--blind", action="store_true", help="frames say no capture time")
     parser.add_argument("--lease-ms", type=int, default=wire.LEASE_MS)
     parser.add_argument("--log", required=True)
     arguments = parser.parse_args()

@@ -23,10 +23,10 @@ def fault(group, quick=False):
     return register
 
 
-def alone(lab, *arguments, settings=None, owners=True):
+def alone(lab, *arguments, settings=None, owners=True, camera=()):
     """One worker that is its own router; client, arm and camera beside it."""
     lab.worker("w1", *arguments)
-    people(lab, settings=settings, owners=owners)
+    people(lab, settings=settings, owners=owners, camera=camera)
 
 
 def routed(lab, workers=("w1",), settings=None):
@@ -37,23 +37,23 @@ def routed(lab, workers=("w1",), settings=None):
     people(lab, workers=len(workers), settings=settings)
 
 
-def people(lab, workers=1, settings=None, through=None, owners=True):
+def people(lab, workers=1, settings=None, through=None, owners=True, camera=()):
     """The judge, a client, an arm and a camera, servoing; `through` names endpoints for some of them."""
     through = through or {}
     lab.watch(owners)
     wire.wait_for_workers(lab.session, workers)
     lab.owner("--settings", json.dumps(settings or {}), endpoint=through.get("client"))
     lab.arm(endpoint=through.get("arm"))
-    lab.camera(endpoint=through.get("camera"))
+    lab.camera(*camera, endpoint=through.get("camera"))
     lab.steady()
 
 
-def proxied(lab, who, settings=None):
+def proxied(lab, who, settings=None, camera=()):
     """As `routed`, with a proxy in the link of `who`: camera, arm, client or worker."""
     lab.router()
     near = lab.proxy()
     lab.worker("w1", joins=near if who == "worker" else lab.endpoint)
-    people(lab, through={who: near}, settings=settings)
+    people(lab, through={who: near}, settings=settings, camera=camera)
 
 
 def broken(lab, break_it, heal_it, seconds, after_s=1.0, wait=True):
@@ -272,6 +272,38 @@ def register_link(who, name, bad, good, seconds):
 
 
 link_faults()
+
+
+@fault("links")
+def blind_camera_stalled(lab):
+    """a stall of 0.6 s of the link of a camera that tells no capture time"""
+    proxied(lab, "camera", camera=("--blind",))
+    stall = lambda ways: lab["proxy"].order(stall=ways)  # noqa: E731
+    return verdict_of(lab, broken(lab, lambda: stall(["up", "down"]), lambda: stall([]), 0.6))
+
+
+@fault("processes")
+def worker_stopped_blind(lab):
+    """SIGSTOP for 5 s of a worker that is its own router, with a camera that tells no capture time"""
+    alone(lab, camera=("--blind",))
+
+    def resume():
+        lab.resume("w1")
+        start_again(lab)
+
+    return verdict_of(lab, broken(lab, lambda: lab.pause("w1"), resume, 5.0))
+
+
+@fault("processes")
+def worker_stopped_alone(lab):
+    """SIGSTOP for 5 s of a worker that is its own router"""
+    alone(lab)
+
+    def resume():
+        lab.resume("w1")
+        start_again(lab)
+
+    return verdict_of(lab, broken(lab, lambda: lab.pause("w1"), resume, 5.0))
 
 
 @fault("links")

@@ -138,6 +138,7 @@ def churned(lab, steps, per_task_kb=0.0):
     verdict = of_bystander(lab, Verdict(lab, begin, end))
     verdict.note(tasks=outcomes, seconds=round(end - begin, 1), steps=steps, memory_kb_and_fds=sizes)
     verdict.note(latency_during_ms=latency(verdict, begin, end), tasks_left=wait_for_tasks(lab, 1))
+    verdict.expect(set(outcomes) == {"servoing"}, f"not every task had its twist: {outcomes}")
     verdict.expect(verdict.notes["tasks_left"] == 1, f"{verdict.notes['tasks_left']} tasks are left")
     return flat(verdict, sizes, per_task_kb * (steps[-1] - steps[0]))
 

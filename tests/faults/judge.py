@@ -34,6 +34,9 @@ class Verdict:
         arm = lab.records("arm.jsonl")
         self.obeyed = [record for record in arm if record["kind"] == "command"]
         self.motions = [record for record in arm if record["kind"] == "motion"]
+        # A camera without a clock is known by its sequence.
+        for record in (*self.frames, *self.commands, *self.obeyed, *self.motions):
+            record["capture"] = record["capture"] or record["sequence"]
         self.truth = {frame["capture"]: frame["t"] for frame in self.frames}
 
     def judge(self):

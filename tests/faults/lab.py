@@ -202,7 +202,9 @@ class Lab:
         return self.wait_for(moving, since, limit_s, "no motion again")
 
     def captured(self, record, offset):
-        """When its frame was captured, by the camera's clock without its jumps."""
+        """When its frame was captured, by the camera's clock without its jumps; without a clock, when it was answered."""
+        if not record["capture"]:
+            return record["t"]
         return record["capture"] / 1e9 - offset - getattr(self, "clock_s", 0.0)
 
     def steady(self, seconds=1.5):

@@ -142,6 +142,35 @@ def owner_cut(lab):
         return verdict.note(facts={**times, "old_epoch_commands": replicas.old_epochs(verdict)}).judge()
 
 
+@fault("namespaces")
+def split(lab):
+    """two sites, each with router and worker, cut apart for 5 s: the owner and the arm here, camera and client there"""
+    lab.endpoint = f"tcp/127.0.0.1:{PORT}"
+    with Hosts(("far",)) as hosts:
+        lab.router(f"tcp/0.0.0.0:{PORT}")
+        there, site = f"tcp/127.0.0.1:{PORT}", {"within": hosts.within("far")}
+        connect = ["--connect", hosts.router("far")]
+        lab.start("far router", lab.python("router.py", f"tcp/0.0.0.0:{PORT}", *connect), **site)
+        lab.worker("w1", joins=lab.endpoint)
+        lab.worker("w2", joins=there, **site)
+        lab.watch()
+        wire.wait_for_workers(lab.session, 2)
+        lab.owner("--worker", "w1", endpoint=there, **site)
+        lab.arm()
+        lab.camera(endpoint=there, **site)
+        lab.steady(2.0)
+        before = state(lab)
+        begin = lab.mark("fault")
+        hosts.cut("far")
+        time.sleep(5.0)
+        healed = lab.mark("healed")
+        hosts.heal("far")
+        lab.wait_for_motion(healed, RECOVERY_S)
+        time.sleep(3.0)
+        verdict = verdict_of(lab, (begin, healed), before)
+        return verdict.note(facts={"owner afterwards": replicas.owner(lab)[0], "old_epoch_commands": replicas.old_epochs(verdict)}).judge()
+
+
 def register():
     for who, words in WORDS.items():
         for seconds in (0.5, 5.0):

@@ -14,9 +14,18 @@ SHIPPED = pathlib.Path(__file__).resolve().parents[2] / "deploy" / "zenoh" / "ro
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("endpoints", nargs="+")
-    endpoints = parser.parse_args().endpoints
+    parser.add_argument("--connect", nargs="*", default=[], help="other routers, looked for until they are there")
+    arguments = parser.parse_args()
     config = zenoh.Config.from_file(str(SHIPPED))
-    config.insert_json5("listen/endpoints", json.dumps(endpoints))
+    entries = {
+        "listen/endpoints": arguments.endpoints,
+        "connect/endpoints": arguments.connect,
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
+    }
+    for key, value in entries.items():
+        config.insert_json5(key, json.dumps(value))
     session = zenoh.open(config)
     child.say(ready=True)
     for _ in child.orders():

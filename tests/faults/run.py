@@ -24,6 +24,7 @@ import traceback
 
 import cases
 import crowds  # noqa: F401  (registers its faults)
+import replicas  # noqa: F401  (likewise)
 import table
 from lab import Lab
 

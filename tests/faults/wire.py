@@ -96,13 +96,15 @@ def ask_once(session, key, payload=b"", attachment=None, encoding="application/j
 
 
 def ask(session, key, payload=b"", attachment=None, encoding="application/json", limit_s=5.0):
-    """As `ask_once`, again and again while there is silence, until the limit."""
-    give_up = time.monotonic() + limit_s
+    """As `ask_once`, again and again while there is silence, until the limit; "unknown_task" for a second only, as the news of a
+    task that was just created may still be on its way through the routers."""
+    begin = time.monotonic()
     while True:
         try:
             return ask_once(session, key, payload, attachment, encoding, min(1.0, limit_s))
-        except NoAnswer:
-            if time.monotonic() > give_up:
+        except (NoAnswer, Refused) as error:
+            patience = limit_s if isinstance(error, NoAnswer) else 1.0 if error.code == "unknown_task" else 0.0
+            if time.monotonic() > begin + patience:
                 raise
             time.sleep(0.02)
 
