@@ -40,7 +40,7 @@ const TURN: Duration = Duration::from_millis(250);
 /// The news of one lost worker arrive one by one; so long they are waited for.
 const SETTLING: Duration = Duration::from_millis(5);
 /// The same where nobody else is left, so that the lost link may be the own one.
-const ALONE: Duration = Duration::from_millis(50);
+const ALONE: Duration = Duration::from_millis(30);
 /// A worker that has just joined does not know yet who is there.
 const JOINING: Duration = Duration::from_millis(500);
 /// A takeover that has come to nothing is tried again.
