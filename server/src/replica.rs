@@ -22,6 +22,7 @@ use domvs_proto::messages::{StateMessage, TaskState};
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
+use zenoh::sample::Locality;
 
 use crate::Moment;
 use crate::desk::lock;
@@ -307,6 +308,8 @@ impl Standby {
             .get(selector)
             .target(QueryTarget::BestMatching)
             .consolidation(ConsolidationMode::None)
+            // Never to this worker's own wildcard: it answers for nobody, and Zenoh may hold the session's lock when such a query ends.
+            .allowed_destination(Locality::Remote)
             .timeout(ANSWER)
             .callback(answer)
             .wait();
