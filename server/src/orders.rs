@@ -248,10 +248,14 @@ impl Desk {
         self.publications.state(body::write(&TaskClosed { task, worker, epoch: self.epoch, closed: true }));
     }
 
-    /// Tells the recorder about the settings a task was created with, and the standbys about the task.
+    /// Tells the recorder about the settings, and the target if there is one, that a task begins with here, and the standbys about the task.
     pub(crate) fn created(&self) {
         let task = lock(&self.task);
         self.settings_changed(&task);
+        if let (Some(recorder), Some(sent)) = (&self.shared.recorder, task.target()) {
+            let (key, now) = (self.shared.keys.target(&self.key), self.shared.wall_ns(self.shared.now()));
+            recorder.target(&key, now, &sent.header.encode(), &sent.encoding, sent.payload.clone().into());
+        }
         self.publish_state(&task);
     }
 }

@@ -22,6 +22,7 @@ use domvs_proto::messages::{StateMessage, TaskState};
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
+use zenoh::sample::Locality;
 
 use crate::Moment;
 use crate::desk::lock;
@@ -40,7 +41,7 @@ const TURN: Duration = Duration::from_millis(250);
 /// The news of one lost worker arrive one by one; so long they are waited for.
 const SETTLING: Duration = Duration::from_millis(5);
 /// The same where nobody else is left, so that the lost link may be the own one.
-const ALONE: Duration = Duration::from_millis(50);
+const ALONE: Duration = Duration::from_millis(30);
 /// A worker that has just joined does not know yet who is there.
 const JOINING: Duration = Duration::from_millis(500);
 /// A takeover that has come to nothing is tried again.
@@ -307,6 +308,8 @@ impl Standby {
             .get(selector)
             .target(QueryTarget::BestMatching)
             .consolidation(ConsolidationMode::None)
+            // Never to this worker's own wildcard: it answers for nobody, and Zenoh may hold the session's lock when such a query ends.
+            .allowed_destination(Locality::Remote)
             .timeout(ANSWER)
             .callback(answer)
             .wait();
