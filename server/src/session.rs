@@ -10,7 +10,16 @@ use zenoh::Config;
 /// Name of the rule among others in `qos/network`.
 const RULE: &str = "domvs-answers-never-wait";
 
-/// Adds the rule to a configuration, unless it is there, and leaves all else as it is.
+/// What an answer may wait for room before it is lost, µs: longer than a router holds a link up for a client that takes large answers
+/// and does not read them (50 ms), and far shorter than Zenoh's five seconds. Its own millisecond loses answers whenever the
+/// processor is busy elsewhere.
+const WAIT_US: u64 = 100_000;
+const WAIT: &str = "transport/link/tx/queue/congestion_control/drop/wait_before_drop";
+/// Twists are sent at once, each in a batch of its own, so that two batches, as Zenoh has them, are two twists.
+const TWISTS: u64 = 16;
+const TWIST_QUEUE: &str = "transport/link/tx/queue/size/real_time";
+
+/// Adds the rule to a configuration, unless it is there, and room and time for answers, unless it has more.
 ///
 /// Fails with Zenoh's sentence when `qos/network` is not what Zenoh takes.
 pub fn prepared(mut config: Config) -> zenoh::Result<Config> {
@@ -24,6 +33,12 @@ pub fn prepared(mut config: Config) -> zenoh::Result<Config> {
             "overwrite": { "congestion_control": "drop" },
         }));
         config.insert_json5("qos/network", &Value::from(rules).to_string())?;
+    }
+    for (entry, least) in [(WAIT, WAIT_US), (TWIST_QUEUE, TWISTS)] {
+        let there: u64 = serde_json::from_str(&config.get_json(entry)?)?;
+        if there < least {
+            config.insert_json5(entry, &least.to_string())?;
+        }
     }
     Ok(config)
 }
@@ -47,5 +62,7 @@ mod tests {
         let twice = prepared(once.clone()).expect("valid");
         assert_eq!(rules(&twice), rules(&once));
         assert_eq!(rules(&once)[1]["overwrite"]["congestion_control"], "drop");
+        assert_eq!(once.get_json(WAIT).expect("it is there"), WAIT_US.to_string());
+        assert_eq!(once.get_json(TWIST_QUEUE).expect("it is there"), TWISTS.to_string());
     }
 }

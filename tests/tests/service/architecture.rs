@@ -52,5 +52,5 @@ fn the_paper_knows_no_network_no_image_files_and_no_serialisation() {
     let all = dependencies();
     let of = |package: &str| all[package].iter().map(String::as_str).collect::<Vec<_>>();
     assert_eq!(of("domvs-vision"), ["fearless_simd", "nalgebra", "thiserror"]);
-    assert_eq!(of("domvs-proto"), ["base64", "serde", "serde_json", "thiserror"]);
+    assert_eq!(of("domvs-proto"), ["base64", "serde", "serde_json", "sha3", "thiserror"]);
 }
