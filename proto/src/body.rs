@@ -1,4 +1,5 @@
-//! JSON bodies: one way in, one way out, with a size limit.
+//! JSON bodies: one way in, one way out, with a limit in bytes and one in values: a million bytes of little objects would make a
+//! hundred million of memory.
 //!
 //! Depth needs no limit of its own: `serde_json` stops at 128 levels.
 
@@ -9,6 +10,9 @@ use crate::messages::ErrorCode;
 
 /// The largest JSON body that is read, in bytes.
 pub const MAX_JSON_BYTES: usize = 1024 * 1024;
+
+/// The most values, lists and objects among them, in a JSON body that is read. No message comes near it.
+pub const MAX_JSON_VALUES: usize = 16_384;
 
 /// The Encoding of every JSON body.
 pub const JSON: &str = "application/json";
@@ -25,6 +29,14 @@ pub enum BodyError {
         /// What came, bytes.
         got_bytes: usize,
     },
+    /// The body has more than [`MAX_JSON_VALUES`] values.
+    #[error("a body has at most {limit} values, got {got}")]
+    TooMany {
+        /// The limit in force.
+        limit: usize,
+        /// What came, by its commas and brackets.
+        got: usize,
+    },
     /// The body is not JSON, or not the JSON that this key takes.
     #[error("unreadable body: {reason}")]
     Unreadable {
@@ -38,15 +50,20 @@ impl BodyError {
     pub fn code(&self) -> ErrorCode {
         match self {
             BodyError::TooLarge { .. } => ErrorCode::TooLarge,
-            BodyError::Unreadable { .. } => ErrorCode::BadJson,
+            BodyError::TooMany { .. } | BodyError::Unreadable { .. } => ErrorCode::BadJson,
         }
     }
 }
 
-/// Reads a JSON body. Fails when it is too large, not JSON, or not a `T`.
+/// Reads a JSON body. Fails when it is too large, has too many values, is not JSON, or not a `T`.
 pub fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, BodyError> {
     if bytes.len() > MAX_JSON_BYTES {
         return Err(BodyError::TooLarge { limit_bytes: MAX_JSON_BYTES, got_bytes: bytes.len() });
+    }
+    // Each value but the first stands behind a comma or an opening bracket. Those in texts are counted too, which are few.
+    let got = 1 + bytes.iter().filter(|byte| b",[{".contains(byte)).count();
+    if got > MAX_JSON_VALUES {
+        return Err(BodyError::TooMany { limit: MAX_JSON_VALUES, got });
     }
     serde_json::from_slice(bytes).map_err(|error| BodyError::Unreadable { reason: shortened(error.to_string()) })
 }

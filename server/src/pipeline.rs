@@ -53,7 +53,8 @@ pub fn on_frame(task: &mut Task, frame: &Frame<'_>, now: Moment) -> TwistMessage
             task.detail = None;
         }
         Err(refusal) => {
-            if refusal.status == Status::Internal {
+            // A task that stands with it only says so again: a target set since then stays.
+            if refusal.status == Status::Internal && task.status() != Status::Internal {
                 task.latch(Status::Internal);
             }
             answer.status = refusal.status;
@@ -177,8 +178,12 @@ fn check_time(task: &mut Task, frame: &Frame<'_>, now: Moment) -> Result<(), Ref
     }
     if frame.route == Route::Pushed {
         let max_age = Duration::from_millis(u64::from(task.settings.max_age_ms));
-        let judged = task.age.judge(frame.header.capture_time_ns, frame.received, max_age);
-        if judged == Age::Stale || waited > task.watchdog() {
+        let watchdog = task.watchdog();
+        let judged = match frame.header.capture_time_ns {
+            0 => task.age.judge_untimed(frame.received, watchdog),
+            captured => task.age.judge(captured, frame.received, max_age),
+        };
+        if judged == Age::Stale || waited > watchdog {
             return Err(Status::StaleFrame.into());
         }
     }

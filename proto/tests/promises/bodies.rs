@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
-use domvs_proto::body::{self, BodyError, MAX_JSON_BYTES};
+use domvs_proto::body::{self, BodyError, MAX_JSON_BYTES, MAX_JSON_VALUES};
 use domvs_proto::messages::{Control, CreateReply, ErrorCode, ErrorReply, StatusMessage};
 use domvs_proto::settings::{SettingsError, TaskSettings};
 use serde_json::Value;
@@ -25,10 +25,20 @@ fn a_body_over_the_limit_is_not_read() {
 #[test]
 fn a_deep_body_ends_in_an_error() {
     for open in ["[", "{\"a\":", "{\"camera\":", "{\"limits\":{\"a\":"] {
-        let deep = open.repeat(MAX_JSON_BYTES / open.len());
+        let deep = open.repeat(MAX_JSON_VALUES / 4);
         assert_eq!(create(deep.as_bytes()).code(), ErrorCode::BadJson, "{open}");
         assert!(body::read::<Control>(deep.as_bytes()).is_err());
     }
+}
+
+#[test]
+fn a_body_of_too_many_values_is_not_read() {
+    let list = |values: usize| format!("[0{}]", ",0".repeat(values - 2));
+    assert!(body::read::<Value>(list(MAX_JSON_VALUES).as_bytes()).is_ok());
+    let one_more = list(MAX_JSON_VALUES + 1);
+    let expected = BodyError::TooMany { limit: 16_384, got: 16_385 };
+    assert_eq!(body::read::<Value>(one_more.as_bytes()), Err(expected));
+    assert_eq!(create(one_more.as_bytes()).code(), ErrorCode::BadJson);
 }
 
 #[test]

@@ -68,17 +68,20 @@ pub fn frames_are_refused_before_memory_is_taken() {
     assert!(refused.is_err() && bytes <= LITTLE, "an attachment of 60 MB: {bytes} bytes");
 }
 
-/// A body is bounded in bytes, and so is what is made of it: the worst of them, a list of little objects, is a hundred times as large.
-pub fn bodies_take_no_more_than_a_hundred_times_their_length() {
+/// A body is bounded in bytes and in values, and so is what is made of it.
+pub fn bodies_take_no_more_than_sixteen_mebibytes() {
     let fill =
         |begin: &str, piece: &str| [begin, &piece.repeat((body::MAX_JSON_BYTES - begin.len()) / piece.len())].concat();
+    // Each is two: itself and the number in it.
+    let as_many = r#"{"":0},"#.repeat(body::MAX_JSON_VALUES / 2 - 2);
     for (what, text, most) in [
         ("10 000 lists in one another", "[".repeat(10_000), LITTLE),
         ("10 000 objects in one another", r#"{"a":"#.repeat(10_000), LITTLE),
         ("one byte too many", " ".repeat(body::MAX_JSON_BYTES + 1), LITTLE),
         ("a name of a megabyte", fill(r#"{""#, "x"), 4 << 20),
-        ("a list of little objects", fill(r#"{"depth":["#, r#"{"":0},"#), 100 << 20),
-        ("the same name again and again", fill(r#"{"#, r#""method":"hahn","#), 16 << 20),
+        ("a list of little objects", fill(r#"{"depth":["#, r#"{"":0},"#), LITTLE),
+        ("as many little objects as a body may have", format!(r#"{{"depth":[{as_many}0]}}"#), 16 << 20),
+        ("the same name again and again", fill(r#"{"#, r#""method":"hahn","#), LITTLE),
     ] {
         let (bytes, refused) = bytes_of(|| TaskSettings::from_create_body(text.as_bytes()));
         let refused = refused.expect_err("refused").to_string();

@@ -172,7 +172,8 @@ fn obey(world: &mut World, step: Step, sequence: u64) -> Option<Status> {
         Step::FlatTarget => assert!(!world.set_target(&flat(0.5))),
         Step::Frame(view) => {
             world.pass(Duration::from_millis(33));
-            return Some(world.push(&view.shot().numbered(sequence, 0)).status);
+            let captured = world.now.as_nanos() as u64;
+            return Some(world.push(&view.shot().numbered(sequence, captured)).status);
         }
         Step::StopAll => world.halt(Status::Stopped),
         Step::ClientLost => world.halt(Status::ClientLost),

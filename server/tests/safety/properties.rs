@@ -207,6 +207,23 @@ fn without_capture_times_nothing_that_waited_for_a_process_that_stood_still_move
 }
 
 #[test]
+fn without_capture_times_nothing_that_a_link_held_back_moves_anything() {
+    let stalls = proptest::collection::vec(240u16..6000, 1..6);
+    every(48, stalls, |stalls| {
+        let mut flight = Flight::new(false);
+        for ms in stalls {
+            flight.fair(10);
+            flight.oldest = Duration::ZERO;
+            flight.happen(&Weather::LinkStands { ms });
+            assert_eq!(flight.oldest, Duration::ZERO);
+            flight.fair(10);
+            let last = flight.world.sent.last().expect("frames").message;
+            assert!(last.is_servoing(), "one watchdog time later it goes on: {last:?}");
+        }
+    });
+}
+
+#[test]
 fn a_camera_that_was_not_known_before_the_process_stood_still_proves_nothing_by_its_clock() {
     let settings = pictures::settings(json!({ "gain": { "per_s": 0.1 } }));
     let mut world = World::started(settings, &scene(0.0));

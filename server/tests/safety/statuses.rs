@@ -72,7 +72,13 @@ fn row(status: Status) -> (Reached, Clears) {
 fn good(world: &mut World, sequence: u64) -> TwistMessage {
     world.pass(PERIOD);
     // Each a little different: a camera that lives.
-    world.push(&scene(1.0 + (sequence % 5) as f64 * 0.1).numbered(sequence, 0))
+    let shot = scene(1.0 + (sequence % 5) as f64 * 0.1);
+    world.push(&shot.numbered(sequence, clock(world)))
+}
+
+/// What the camera's clock says.
+fn clock(world: &World) -> u64 {
+    world.now.as_nanos() as u64
 }
 
 fn again(world: &mut World, times: u64, shot: &Shot) -> TwistMessage {
@@ -91,7 +97,8 @@ fn silence(world: &mut World) -> TwistMessage {
 }
 
 fn twice(world: &mut World) -> TwistMessage {
-    let shot = scene(1.0).numbered(10, 5_000_000_000);
+    world.pass(PERIOD);
+    let shot = scene(1.0).numbered(10, clock(world));
     assert!(world.push(&shot).is_servoing());
     world.push(&shot)
 }
@@ -190,7 +197,7 @@ fn frozen() -> (World, TwistMessage) {
 /// A frame that is good in every one of these worlds.
 fn good_again(world: &mut World, sequence: u64) -> TwistMessage {
     world.pass(PERIOD);
-    let shot = scene(1.0 + (sequence % 5) as f64 * 0.1).numbered(sequence, 0);
+    let shot = scene(1.0 + (sequence % 5) as f64 * 0.1).numbered(sequence, clock(world));
     let needs_depth = matches!(world.task.settings().depth, domvs_proto::settings::Depth::Map { .. });
     world.push(&if needs_depth { shot.with_depth(|_| 1.0) } else { shot })
 }
