@@ -3,26 +3,33 @@
 //! One answers those who have shown a task's secret, the other everybody else, each from a bounded queue of its own: a
 //! stranger who asks ten thousand times a second fills the second queue, and no client's refusal is lost for it.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, Weak};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use domvs_proto::body;
+use domvs_proto::keys::TaskKey;
 use domvs_proto::messages::{ErrorCode, ErrorReply};
 use domvs_proto::status::Status;
-use zenoh::Wait;
-use zenoh::query::{Query, Reply};
+use flume::RecvTimeoutError;
+use zenoh::query::Query;
 
+use crate::Moment;
 use crate::answers::reply_json;
 use crate::desk::{Desk, lock};
 use crate::worker::Shared;
 
 /// Answers that may wait for one clerk; more are dropped and counted, and their clients see an empty answer.
 const WAITING: usize = 256;
-/// Unknown tasks whose owner is being looked for at once.
-const LOOKUPS: usize = 64;
-/// How long the owner of a task that is not ours is looked for.
-const LOOKUP: Duration = Duration::from_millis(500);
+/// Questions for unknown tasks that may be held; more are dropped and counted.
+const HELD: usize = 64;
+/// How long the news of a task's owner may take: the answer to `create` may be faster than they are.
+const NEWS: Duration = Duration::from_millis(200);
+/// How long a worker that has just joined may take to hear of the others.
+const JOINING: Duration = Duration::from_millis(500);
+/// How long a closed task is remembered, and how many.
+const REMEMBERED: Duration = Duration::from_secs(1);
+const CLOSED: usize = 1024;
 
 /// A short answer.
 pub(crate) enum Note {
@@ -43,6 +50,25 @@ pub(crate) enum Asker {
     Owner,
     /// Anybody.
     Stranger,
+}
+
+/// The tasks closed in the last second. A session hands a question to the task's own queryable and to the one for unknown tasks: a
+/// `close` that was obeyed in between must not be answered by the second.
+#[derive(Debug, Default)]
+pub(crate) struct JustClosed(Mutex<VecDeque<(Moment, String)>>);
+
+impl JustClosed {
+    pub(crate) fn note(&self, task: &str, now: Moment) {
+        let mut closed = lock(&self.0);
+        closed.truncate(CLOSED - 1);
+        closed.push_front((now, task.to_owned()));
+    }
+
+    pub(crate) fn knows(&self, task: &str, now: Moment) -> bool {
+        let closed = lock(&self.0);
+        let mut fresh = closed.iter().take_while(|(at, _)| now.saturating_sub(*at) <= REMEMBERED);
+        fresh.any(|(_, closed)| closed == task)
+    }
 }
 
 /// The ways to the clerks.
@@ -83,61 +109,75 @@ impl Trays {
 }
 
 fn work(shared: &Weak<Shared>, tray: &flume::Receiver<Note>) {
-    let lookups = Arc::new(AtomicUsize::new(0));
-    while let Ok(note) = tray.recv() {
+    let mut held: VecDeque<Held> = VecDeque::new();
+    loop {
+        let note = match held.front() {
+            Some(first) => tray.recv_deadline(first.until),
+            None => tray.recv().map_err(|_| RecvTimeoutError::Disconnected),
+        };
         let Some(shared) = shared.upgrade() else { return };
         match note {
-            Note::Info(query) => {
+            Ok(Note::Info(query)) => {
                 reply_json(&query, shared.keys.worker_info(&shared.worker), &body::write(&shared.info()));
             }
-            Note::Unclaimed(query) => answer_unclaimed(&shared, query, &lookups),
-            Note::Refused(query, error) => shared.refuse(&query, &error),
-            Note::TwistRefused(desk, query, status) => desk.refuse_twist(&query, status),
+            Ok(Note::Unclaimed(query)) => hold(&shared, &mut held, query),
+            Ok(Note::Refused(query, error)) => shared.refuse(&query, &error),
+            Ok(Note::TwistRefused(desk, query, status)) => desk.refuse_twist(&query, status),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
+        let now = Instant::now();
+        while held.front().is_some_and(|first| first.until <= now) {
+            held.pop_front().into_iter().for_each(|Held { query, task, .. }| answer_unknown(&shared, &query, &task));
         }
     }
 }
 
-/// A query for a task that may be another worker's, which answers for itself; the last one to let go of this says
-/// that there is no such task, unless its owner was found.
-struct Lookup {
-    query: Mutex<Option<Query>>,
-    unknown: ErrorReply,
-    /// Weak: the session, which the worker has, holds this.
-    shared: Weak<Shared>,
-    running: Arc<AtomicUsize>,
+/// A question for a task that nobody is known to have.
+struct Held {
+    query: Query,
+    task: TaskKey,
+    until: Instant,
 }
 
-impl Drop for Lookup {
-    fn drop(&mut self) {
-        self.running.fetch_sub(1, Ordering::AcqRel);
-        if let (Some(query), Some(shared)) = (lock(&self.query).take(), self.shared.upgrade()) {
-            shared.refuse(&query, &self.unknown);
-        }
-    }
-}
-
-/// A task's key that no task of this worker answers.
-fn answer_unclaimed(shared: &Arc<Shared>, query: Query, running: &Arc<AtomicUsize>) {
+/// A task's key that no task of this worker answers: the task may be another worker's, which answers for itself.
+fn hold(shared: &Shared, held: &mut VecDeque<Held>, query: Query) {
     let key = query.key_expr();
     let Some((task, _)) = shared.keys.parse_task(key.as_str()) else {
         let error = format!("{key} is not a key of a task");
         return shared.refuse(&query, &ErrorReply::new(ErrorCode::BadName, error));
     };
-    if running.fetch_add(1, Ordering::AcqRel) >= LOOKUPS {
-        running.fetch_sub(1, Ordering::AcqRel);
-        shared.dropped_note("a question for an unknown task");
-        return;
+    // Who has just joined does not know yet who is there.
+    if !shared.inbox.has_others() && shared.now() > JOINING {
+        return answer_unknown(shared, &query, &task);
     }
-    let unknown = ErrorReply::new(ErrorCode::UnknownTask, format!("there is no task {task}; it may have been closed"));
-    let (query, running) = (Mutex::new(Some(query)), Arc::clone(running));
-    let lookup = Lookup { query, unknown, shared: Arc::downgrade(shared), running };
-    let found = move |reply: Reply| {
-        if reply.result().is_ok() {
-            lock(&lookup.query).take();
-        }
-    };
-    let owners = shared.keys.owners_of(&task);
-    if let Err(error) = shared.session.liveliness().get(owners).timeout(LOOKUP).callback(found).wait() {
-        tracing::debug!(%error, "no owner could be looked for");
+    if held.len() >= HELD {
+        return shared.dropped_note("a question for an unknown task");
+    }
+    held.push_back(Held { query, task, until: Instant::now() + NEWS });
+}
+
+/// No answer where there is an owner after all: whoever asked asks again.
+fn answer_unknown(shared: &Shared, query: &Query, task: &TaskKey) {
+    if !shared.is_owned(&task.to_string()) {
+        let error = format!("there is no task {task}; it may have been closed");
+        shared.refuse(query, &ErrorReply::new(ErrorCode::UnknownTask, error));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_task_is_remembered_for_a_second_after_its_end() {
+        let (closed, ms) = (JustClosed::default(), Duration::from_millis);
+        closed.note("alice/1", ms(100));
+        assert!(closed.knows("alice/1", ms(900)));
+        assert!(!closed.knows("alice/2", ms(900)));
+        assert!(!closed.knows("alice/1", ms(1200)));
+        (0..3 * CLOSED).for_each(|number| closed.note(&format!("bob/{number}"), ms(2000)));
+        assert_eq!(lock(&closed.0).len(), CLOSED);
+        assert!(closed.knows(&format!("bob/{}", 3 * CLOSED - 1), ms(2000)));
     }
 }
