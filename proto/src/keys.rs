@@ -131,6 +131,11 @@ impl Keys {
         format!("{}/task/{task}/{}", self.prefix, leaf.as_str())
     }
 
+    /// What a worker declares for a task's leaf: the literal part is the same for all tasks, and the identifier alone tells which.
+    pub fn of_any_client(&self, task: &TaskKey, leaf: Leaf) -> String {
+        format!("{}/task/*/{}/{}", self.prefix, task.id, leaf.as_str())
+    }
+
     /// Queryable: set or get the target.
     pub fn target(&self, task: &TaskKey) -> String {
         self.task(task, Leaf::Target)

@@ -3,26 +3,33 @@
 //! One answers those who have shown a task's secret, the other everybody else, each from a bounded queue of its own: a
 //! stranger who asks ten thousand times a second fills the second queue, and no client's refusal is lost for it.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Weak};
-use std::time::Duration;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, Weak};
+use std::time::{Duration, Instant};
 
 use domvs_proto::body;
+use domvs_proto::keys::TaskKey;
 use domvs_proto::messages::{ErrorCode, ErrorReply};
 use domvs_proto::status::Status;
-use zenoh::Wait;
-use zenoh::query::{Query, Reply};
+use flume::RecvTimeoutError;
+use zenoh::query::Query;
 
+use crate::Moment;
 use crate::answers::reply_json;
-use crate::desk::Desk;
+use crate::desk::{Desk, lock};
 use crate::worker::Shared;
 
 /// Answers that may wait for one clerk; more are dropped and counted, and their clients see an empty answer.
 const WAITING: usize = 256;
-/// Unknown tasks whose owner is being looked for at once.
-const LOOKUPS: usize = 64;
-/// How long the owner of a task that is not ours is looked for.
-const LOOKUP: Duration = Duration::from_millis(500);
+/// Questions for unknown tasks that may be held; more are dropped and counted.
+const HELD: usize = 64;
+/// How long the news of a task's owner may take: the answer to `create` may be faster than they are.
+const NEWS: Duration = Duration::from_millis(200);
+/// How long a worker that has just joined may take to hear of the others.
+const JOINING: Duration = Duration::from_millis(500);
+/// How long a closed task is remembered, and how many.
+const REMEMBERED: Duration = Duration::from_secs(1);
+const CLOSED: usize = 1024;
 
 /// A short answer.
 pub(crate) enum Note {
@@ -30,8 +37,6 @@ pub(crate) enum Note {
     Info(Query),
     /// A query on a task's key that no task of this worker answers.
     Unclaimed(Query),
-    /// The search for an owner is over.
-    LookedUp,
     /// An order that nobody will obey.
     Refused(Query, ErrorReply),
     /// A frame that nobody will look at.
@@ -47,6 +52,25 @@ pub(crate) enum Asker {
     Stranger,
 }
 
+/// The tasks closed in the last second. A session hands a question to the task's own queryable and to the one for unknown tasks: a
+/// `close` that was obeyed in between must not be answered by the second.
+#[derive(Debug, Default)]
+pub(crate) struct JustClosed(Mutex<VecDeque<(Moment, String)>>);
+
+impl JustClosed {
+    pub(crate) fn note(&self, task: &str, now: Moment) {
+        let mut closed = lock(&self.0);
+        closed.truncate(CLOSED - 1);
+        closed.push_front((now, task.to_owned()));
+    }
+
+    pub(crate) fn knows(&self, task: &str, now: Moment) -> bool {
+        let closed = lock(&self.0);
+        let mut fresh = closed.iter().take_while(|(at, _)| now.saturating_sub(*at) <= REMEMBERED);
+        fresh.any(|(_, closed)| closed == task)
+    }
+}
+
 /// The ways to the clerks.
 pub(crate) struct Clerks {
     owners: flume::Sender<Note>,
@@ -54,21 +78,13 @@ pub(crate) struct Clerks {
 }
 
 /// What the two threads take from.
-pub(crate) struct Trays([Tray; 2]);
-
-struct Tray {
-    notes: flume::Receiver<Note>,
-    /// The other end; it keeps no clerk at work.
-    wake: flume::WeakSender<Note>,
-}
+pub(crate) struct Trays([flume::Receiver<Note>; 2]);
 
 impl Clerks {
     pub(crate) fn new() -> (Clerks, Trays) {
         let (owners, of_owners) = flume::bounded(WAITING);
         let (strangers, of_strangers) = flume::bounded(WAITING);
-        let trays = [(of_owners, &owners), (of_strangers, &strangers)]
-            .map(|(notes, sender)| Tray { notes, wake: sender.downgrade() });
-        (Clerks { owners, strangers }, Trays(trays))
+        (Clerks { owners, strangers }, Trays([of_owners, of_strangers]))
     }
 
     /// Hands a note over without waiting; returns whether there was room.
@@ -85,101 +101,83 @@ impl Trays {
     /// Starts the threads. They end with the worker.
     pub(crate) fn work_off(self, shared: &Arc<Shared>) -> std::io::Result<()> {
         for (tray, name) in self.0.into_iter().zip(["domvs-clerk", "domvs-doorman"]) {
-            let clerk = Clerk { shared: Arc::downgrade(shared), tray, lookups: Vec::new() };
-            std::thread::Builder::new().name(name.to_owned()).spawn(move || clerk.work())?;
+            let shared = Arc::downgrade(shared);
+            std::thread::Builder::new().name(name.to_owned()).spawn(move || work(&shared, &tray))?;
         }
         Ok(())
     }
 }
 
-/// One of the two threads.
-struct Clerk {
-    shared: Weak<Shared>,
-    tray: Tray,
-    lookups: Vec<Lookup>,
+fn work(shared: &Weak<Shared>, tray: &flume::Receiver<Note>) {
+    let mut held: VecDeque<Held> = VecDeque::new();
+    loop {
+        let note = match held.front() {
+            Some(first) => tray.recv_deadline(first.until),
+            None => tray.recv().map_err(|_| RecvTimeoutError::Disconnected),
+        };
+        let Some(shared) = shared.upgrade() else { return };
+        match note {
+            Ok(Note::Info(query)) => {
+                reply_json(&query, shared.keys.worker_info(&shared.worker), &body::write(&shared.info()));
+            }
+            Ok(Note::Unclaimed(query)) => hold(&shared, &mut held, query),
+            Ok(Note::Refused(query, error)) => shared.refuse(&query, &error),
+            Ok(Note::TwistRefused(desk, query, status)) => desk.refuse_twist(&query, status),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
+        let now = Instant::now();
+        while held.front().is_some_and(|first| first.until <= now) {
+            held.pop_front().into_iter().for_each(|Held { query, task, .. }| answer_unknown(&shared, &query, &task));
+        }
+    }
 }
 
-/// A query for a task that may be another worker's, which answers for itself. It stays with the clerk: Zenoh 1.10 calls, and drops, the
-/// callback of a question for tokens under the lock of its session, and whoever lets go of a query there may wait for that lock for ever.
-struct Lookup {
+/// A question for a task that nobody is known to have.
+struct Held {
     query: Query,
-    unknown: ErrorReply,
-    tokens: Arc<Tokens>,
+    task: TaskKey,
+    until: Instant,
 }
 
-/// What has been heard of an owner's tokens.
-#[derive(Default)]
-struct Tokens {
-    found: AtomicBool,
-    /// Nothing more will be heard.
-    ended: AtomicBool,
+/// A task's key that no task of this worker answers: the task may be another worker's, which answers for itself.
+fn hold(shared: &Shared, held: &mut VecDeque<Held>, query: Query) {
+    let key = query.key_expr();
+    let Some((task, _)) = shared.keys.parse_task(key.as_str()) else {
+        let error = format!("{key} is not a key of a task");
+        return shared.refuse(&query, &ErrorReply::new(ErrorCode::BadName, error));
+    };
+    // Who has just joined does not know yet who is there.
+    if !shared.inbox.has_others() && shared.now() > JOINING {
+        return answer_unknown(shared, &query, &task);
+    }
+    if held.len() >= HELD {
+        return shared.dropped_note("a question for an unknown task");
+    }
+    held.push_back(Held { query, task, until: Instant::now() + NEWS });
 }
 
-/// Zenoh's end of a lookup. Dropped, it tells the clerk; if the tray is full, the clerk looks anyway after what is in it.
-struct Listener {
-    tokens: Arc<Tokens>,
-    wake: flume::WeakSender<Note>,
-}
-
-impl Drop for Listener {
-    fn drop(&mut self) {
-        self.tokens.ended.store(true, Ordering::Release);
-        if let Some(tray) = self.wake.upgrade() {
-            // Full: see above.
-            let _ = tray.try_send(Note::LookedUp);
-        }
+/// No answer where there is an owner after all: whoever asked asks again.
+fn answer_unknown(shared: &Shared, query: &Query, task: &TaskKey) {
+    if !shared.is_owned(&task.to_string()) {
+        let error = format!("there is no task {task}; it may have been closed");
+        shared.refuse(query, &ErrorReply::new(ErrorCode::UnknownTask, error));
     }
 }
 
-impl Clerk {
-    fn work(mut self) {
-        while let Ok(note) = self.tray.notes.recv() {
-            let Some(shared) = self.shared.upgrade() else { return };
-            match note {
-                Note::Info(query) => {
-                    reply_json(&query, shared.keys.worker_info(&shared.worker), &body::write(&shared.info()));
-                }
-                Note::Unclaimed(query) => self.answer_unclaimed(&shared, query),
-                Note::LookedUp => {}
-                Note::Refused(query, error) => shared.refuse(&query, &error),
-                Note::TwistRefused(desk, query, status) => desk.refuse_twist(&query, status),
-            }
-            self.end_lookups(&shared);
-        }
-    }
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-    /// A task's key that no task of this worker answers.
-    fn answer_unclaimed(&mut self, shared: &Arc<Shared>, query: Query) {
-        let key = query.key_expr();
-        let Some((task, _)) = shared.keys.parse_task(key.as_str()) else {
-            let error = format!("{key} is not a key of a task");
-            return shared.refuse(&query, &ErrorReply::new(ErrorCode::BadName, error));
-        };
-        if self.lookups.len() >= LOOKUPS {
-            return shared.dropped_note("a question for an unknown task");
-        }
-        let unknown =
-            ErrorReply::new(ErrorCode::UnknownTask, format!("there is no task {task}; it may have been closed"));
-        let tokens = Arc::<Tokens>::default();
-        let listener = Listener { tokens: Arc::clone(&tokens), wake: self.tray.wake.clone() };
-        self.lookups.push(Lookup { query, unknown, tokens });
-        let found = move |reply: Reply| {
-            if reply.result().is_ok() {
-                listener.tokens.found.store(true, Ordering::Release);
-            }
-        };
-        let owners = shared.keys.owners_of(&task);
-        if let Err(error) = shared.session.liveliness().get(owners).timeout(LOOKUP).callback(found).wait() {
-            tracing::debug!(%error, "no owner could be looked for");
-        }
-    }
-
-    /// Says that there is no such task where no owner was found; an owner answers for itself.
-    fn end_lookups(&mut self, shared: &Shared) {
-        for lookup in self.lookups.extract_if(.., |lookup| lookup.tokens.ended.load(Ordering::Acquire)) {
-            if !lookup.tokens.found.load(Ordering::Acquire) {
-                shared.refuse(&lookup.query, &lookup.unknown);
-            }
-        }
+    #[test]
+    fn a_task_is_remembered_for_a_second_after_its_end() {
+        let (closed, ms) = (JustClosed::default(), Duration::from_millis);
+        closed.note("alice/1", ms(100));
+        assert!(closed.knows("alice/1", ms(900)));
+        assert!(!closed.knows("alice/2", ms(900)));
+        assert!(!closed.knows("alice/1", ms(1200)));
+        (0..3 * CLOSED).for_each(|number| closed.note(&format!("bob/{number}"), ms(2000)));
+        assert_eq!(lock(&closed.0).len(), CLOSED);
+        assert!(closed.knows(&format!("bob/{}", 3 * CLOSED - 1), ms(2000)));
     }
 }

@@ -1,17 +1,22 @@
 //! The Zenoh keys of one task: declared when it is created, gone when it is closed.
 //!
-//! What their callbacks do is in `door`.
+//! Zenoh 1.10 numbers the literal beginning of every key that is declared, in 16 bits, and never gives a number back. So a task declares
+//! `task/*/<id>/<leaf>`, whose beginning all tasks share, and each callback looks whether the client in the key is the task's; what is
+//! published is put on its key without a declaration. Left are the tokens, which `Spent` counts. What the callbacks do is in `door`.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use domvs_proto::body;
-use domvs_proto::keys::{Keys, TaskKey};
-use domvs_proto::settings::Frames;
+use domvs_proto::keys::{Keys, Leaf, TaskKey};
+use domvs_proto::settings::{Frames, Lease, TaskSettings};
 use domvs_proto::twist::TWIST_ENCODING;
+use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{Query, Queryable};
+use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 use crate::desk::Desk;
@@ -21,8 +26,9 @@ use crate::task::SentTarget;
 
 /// What a task publishes besides `command`.
 pub(crate) struct Publications {
-    status: Publisher<'static>,
-    state: Publisher<'static>,
+    session: Session,
+    status: KeyExpr<'static>,
+    state: KeyExpr<'static>,
 }
 
 /// Everything declared for one task; dropping it undeclares.
@@ -33,56 +39,104 @@ pub(crate) struct Endpoints {
     _owner: LivelinessToken,
 }
 
-impl Publications {
-    pub(crate) fn declare(session: &Session, keys: &Keys, task: &TaskKey) -> zenoh::Result<Publications> {
-        let status = session.declare_publisher(keys.status(task)).encoding(body::JSON).wait()?;
-        // Never waits, like all that is published: a standby that misses something sees it by the revision, and asks.
-        let state = session.declare_publisher(keys.state(task)).encoding(body::JSON).wait()?;
-        Ok(Publications { status, state })
+/// How many of the 65 535 numbers that Zenoh has for the keys of a link this session may have used up: by its own tasks, and by the
+/// tokens it has heard of. Rather too many are counted: beyond the end one key would be taken for another.
+#[derive(Debug, Default)]
+pub(crate) struct Spent(AtomicUsize);
+
+impl Spent {
+    /// A worker without tasks begins a new session from here on.
+    const RENEW: usize = 30_000;
+    /// No task is made from here on.
+    const END: usize = 60_000;
+
+    pub(crate) fn count(&self) -> usize {
+        self.0.load(Ordering::Relaxed)
     }
 
-    pub(crate) fn status(&self, json: &[u8]) {
-        log_failure(self.status.put(json).wait());
+    /// A token has come.
+    pub(crate) fn heard(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
     }
 
-    pub(crate) fn state(&self, json: Vec<u8>) {
-        log_failure(self.state.put(json).wait());
+    /// A task is made: its owner's token, its client's, its camera's key.
+    pub(crate) fn made(&self, settings: &TaskSettings) {
+        let lease = usize::from(settings.lease != Lease::None);
+        let camera = usize::from(matches!(settings.frames, Frames::Key(_)));
+        self.0.fetch_add(1 + lease + camera, Ordering::Relaxed);
+    }
+
+    pub(crate) fn is_due(&self) -> bool {
+        self.count() >= Spent::RENEW
+    }
+
+    /// Why no task can be made, if none can.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let (count, end) = (self.count(), Spent::END);
+        if count < end {
+            return Ok(());
+        }
+        Err(format!(
+            "a session has keys for {end} tasks and tokens, this one has used {count}: it is renewed as soon as the worker has no task; create it on another worker"
+        ))
     }
 }
 
 impl Publications {
+    pub(crate) fn new(session: &Session, keys: &Keys, task: &TaskKey) -> zenoh::Result<Publications> {
+        let (status, state) = (KeyExpr::try_from(keys.status(task))?, KeyExpr::try_from(keys.state(task))?);
+        Ok(Publications { session: session.clone(), status, state })
+    }
+
+    pub(crate) fn status(&self, json: &[u8]) {
+        log_failure(self.session.put(&self.status, json).encoding(body::JSON).wait());
+    }
+
+    // Never waits, like all that is published: a standby that misses something sees it by the revision, and asks.
+    pub(crate) fn state(&self, json: Vec<u8>) {
+        log_failure(self.session.put(&self.state, json).encoding(body::JSON).wait());
+    }
+
     /// The target itself, for standbys.
     pub(crate) fn target(&self, sent: &SentTarget) {
-        let put = self.state.put(sent.payload.clone()).encoding(sent.encoding.as_str());
+        let put = self.session.put(&self.state, sent.payload.clone()).encoding(sent.encoding.as_str());
         log_failure(put.attachment(sent.header.encode()).wait());
     }
 }
 
+/// What makes the session learn who listens to the tasks, so that nothing is sent to nobody; for as long as these values live.
+pub(crate) async fn learn_listeners(session: &Session, keys: &Keys) -> zenoh::Result<Vec<Publisher<'static>>> {
+    let mut publishers = vec![];
+    for leaf in [Leaf::Command, Leaf::Status, Leaf::State] {
+        publishers.push(session.declare_publisher(keys.every(leaf)).await?);
+    }
+    Ok(publishers)
+}
+
 /// A function that publishes on `command`: before all other traffic, never waiting.
 pub(crate) fn command(session: &Session, keys: &Keys, task: &TaskKey) -> zenoh::Result<Publish> {
-    let publisher = session
-        .declare_publisher(keys.command(task))
-        .encoding(TWIST_ENCODING)
-        .priority(Priority::RealTime)
-        .congestion_control(CongestionControl::Drop)
-        .express(true)
-        .wait()?;
-    Ok(Box::new(move |message| log_failure(publisher.put(message.encode()).wait())))
+    let (session, key) = (session.clone(), KeyExpr::try_from(keys.command(task))?);
+    Ok(Box::new(move |message| {
+        let put = session.put(&key, message.encode()).encoding(TWIST_ENCODING);
+        let put = put.priority(Priority::RealTime).congestion_control(CongestionControl::Drop).express(true);
+        log_failure(put.wait());
+    }))
 }
 
 impl Endpoints {
     pub(crate) fn declare(desk: &Arc<Desk>, frames: &Frames) -> zenoh::Result<Endpoints> {
         let (session, keys, task) = (&desk.shared.session, &desk.shared.keys, &desk.key);
         let queryables = vec![
-            queryable(session, keys.control(task), desk, door::control)?,
-            queryable(session, keys.settings(task), desk, door::settings)?,
-            queryable(session, keys.state(task), desk, door::state)?,
-            queryable(session, keys.target(task), desk, door::target)?,
-            queryable(session, keys.twist(task), desk, door::request_twist)?,
+            queryable(Leaf::Control, desk, door::control)?,
+            queryable(Leaf::Settings, desk, door::settings)?,
+            queryable(Leaf::State, desk, door::state)?,
+            queryable(Leaf::Target, desk, door::target)?,
+            queryable(Leaf::Twist, desk, door::request_twist)?,
         ];
-        let mut subscribers = vec![frame_subscriber(session, keys.frame(task), desk)?];
+        let own = KeyExpr::try_from(keys.frame(task))?;
+        let mut subscribers = vec![frame_subscriber(keys.of_any_client(task, Leaf::Frame), Some(own), desk)?];
         if let Frames::Key(key) = frames {
-            subscribers.push(frame_subscriber(session, key.clone(), desk)?);
+            subscribers.push(frame_subscriber(key.clone(), None, desk)?);
         }
         let owner = keys.owner(task, &desk.shared.worker, desk.epoch);
         let owner = session.liveliness().declare_token(owner).wait()?;
@@ -91,22 +145,59 @@ impl Endpoints {
 }
 
 fn queryable(
-    session: &Session,
-    key: String,
+    leaf: Leaf,
     desk: &Arc<Desk>,
     enqueue: impl Fn(&Arc<Desk>, Query) + Send + Sync + 'static,
 ) -> zenoh::Result<Queryable<()>> {
-    let desk = Arc::clone(desk);
-    session.declare_queryable(key).complete(true).callback(move |query| enqueue(&desk, query)).wait()
+    let keys = &desk.shared.keys;
+    let (any, own) = (keys.of_any_client(&desk.key, leaf), KeyExpr::try_from(keys.task(&desk.key, leaf))?);
+    let (session, desk) = (&desk.shared.session, Arc::clone(desk));
+    let answer = move |query: Query| {
+        // Another client's name: the queryable for the tasks that nobody has gets it too, and says so.
+        if own.intersects(query.key_expr()) {
+            enqueue(&desk, query);
+        }
+    };
+    session.declare_queryable(any).complete(true).callback(answer).wait()
 }
 
-fn frame_subscriber(session: &Session, key: String, desk: &Arc<Desk>) -> zenoh::Result<Subscriber<()>> {
-    let desk = Arc::clone(desk);
-    session.declare_subscriber(key).callback(move |sample| door::push_frame(&desk, &sample)).wait()
+/// `own`: only what is put on this key is the task's.
+fn frame_subscriber(
+    key: String,
+    own: Option<KeyExpr<'static>>,
+    desk: &Arc<Desk>,
+) -> zenoh::Result<Subscriber<()>> {
+    let (session, desk) = (&desk.shared.session, Arc::clone(desk));
+    let take = move |sample: Sample| {
+        if own.as_ref().is_none_or(|own| own.intersects(sample.key_expr())) {
+            door::push_frame(&desk, &sample);
+        }
+    };
+    session.declare_subscriber(key).callback(take).wait()
 }
 
 fn log_failure(result: zenoh::Result<()>) {
     if let Err(error) = result {
         tracing::debug!(%error, "a publication could not be sent");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use domvs_proto::settings::Camera;
+
+    use super::*;
+
+    #[test]
+    fn a_session_that_has_used_its_keys_up_takes_no_task_and_is_renewed_long_before() {
+        let camera = Camera { fx: 9.0, fy: 9.0, cx: 3.5, cy: 3.5, width: 8, height: 8, distortion: None };
+        let (spent, settings) = (Spent::default(), TaskSettings::new(camera));
+        for _ in 0..Spent::RENEW / 2 {
+            assert!(!spent.is_due() && spent.check().is_ok(), "{spent:?}");
+            spent.made(&settings);
+        }
+        assert!(spent.is_due() && spent.check().is_ok(), "{spent:?}");
+        (spent.count()..Spent::END).for_each(|_| spent.heard());
+        assert!(spent.check().expect_err("none is left").contains("60000"));
     }
 }

@@ -125,10 +125,12 @@ pub(crate) enum Event {
     RequestDropped,
     /// A line that was left out of the log.
     LineLeftOut,
+    /// The worker left a session that had used up many keys.
+    SessionRenewed,
 }
 
 impl Event {
-    const ALL: [(Event, &'static str, &'static str); 9] = [
+    const ALL: [(Event, &'static str, &'static str); 10] = [
         (Event::TaskCreated, "domvs_tasks_created_total", "Tasks that were created"),
         (Event::TaskTakenOver, "domvs_tasks_taken_over_total", "Tasks that were lost elsewhere and go on here"),
         (Event::TaskClosed, "domvs_tasks_closed_total", "Tasks that were closed"),
@@ -146,6 +148,11 @@ impl Event {
             "Requests that found the worker's queue full, and got no answer",
         ),
         (Event::LineLeftOut, "domvs_log_lines_left_out_total", "Refusals left out of the log: too many in one second"),
+        (
+            Event::SessionRenewed,
+            "domvs_sessions_renewed_total",
+            "Sessions left, without a task, because many of their keys were used up",
+        ),
     ];
 }
 

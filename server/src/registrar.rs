@@ -88,6 +88,11 @@ impl Registrar {
         };
         let (_, client) = shared.keys.parse_create(query.key_expr().as_str()).ok_or_else(bad_name)?;
         shared.check_tasks(&client)?;
+        shared.spent.check().map_err(|error| {
+            tracing::warn!(%client, error, "no task can be created");
+            self.renew_if_idle();
+            ErrorReply::new(ErrorCode::Quota, error)
+        })?;
         let size = query.payload().map_or(0, ZBytes::len);
         if size > body::MAX_JSON_BYTES {
             let error = format!("settings may have {} bytes, got {size}", body::MAX_JSON_BYTES);
@@ -96,8 +101,7 @@ impl Registrar {
         let settings = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
         let settings = TaskSettings::from_create_body(&settings).map_err(|error| ErrorReply::from(&error))?;
         self.check_settings(&settings)?;
-        let id = format!("{:08x}", rand::random::<u32>());
-        let key = TaskKey { client, id: Name::try_from(id.as_str()).expect("hexadecimal digits are a name") };
+        let key = TaskKey { client, id: self.new_id() };
         let (epoch, secret) = (epoch::first(&shared.worker), Secret::new(rand::random()));
         let frame_secret = secret.for_frames();
         let checks = [&secret, &frame_secret].map(|secret| SecretCheck::of(secret.clone()));
@@ -113,6 +117,28 @@ impl Registrar {
         Ok(reply)
     }
 
+    /// An identifier that no other task has, whosever it is: the keys of a task are told apart by it.
+    fn new_id(&self) -> Name {
+        let desks = lock(&self.shared.desks);
+        loop {
+            let id = format!("{:016x}", rand::random::<u64>());
+            let id = Name::try_from(id.as_str()).expect("hexadecimal digits are a name");
+            if desks.values().all(|desk| desk.key.id != id) {
+                return id;
+            }
+        }
+    }
+
+    /// Without a task, a session that has used up many keys can be left for a new one at no cost.
+    fn renew_if_idle(&self) {
+        let spent = &self.shared.spent;
+        if spent.is_due() && lock(&self.shared.desks).is_empty() {
+            tracing::info!(keys = spent.count(), "no task is here: the session is renewed, with all its keys");
+            self.shared.metrics.happened(Event::SessionRenewed);
+            self.shared.fence();
+        }
+    }
+
     /// Gives a task its keys, the owner's token last, if there is room for it.
     fn open(&mut self, seed: Seed) -> Result<Arc<Desk>, ErrorReply> {
         let internal = |error: zenoh::Error| ErrorReply::new(ErrorCode::Internal, error);
@@ -125,6 +151,7 @@ impl Registrar {
             lock(&self.shared.desks).remove(&desk.key.to_string());
             internal(error)
         })?;
+        self.shared.spent.made(&settings);
         self.endpoints.insert(desk.key.clone(), endpoints);
         Ok(desk)
     }
@@ -179,7 +206,10 @@ impl Registrar {
     }
 
     fn close(&mut self, task: &TaskKey) {
-        let Some(desk) = lock(&self.shared.desks).remove(&task.to_string()) else { return };
+        let name = task.to_string();
+        // Noted first: a question that came before the end may be looked at after it.
+        self.shared.closed.note(&name, self.shared.now());
+        let Some(desk) = lock(&self.shared.desks).remove(&name) else { return };
         desk.closing.store(true, Ordering::Release);
         desk.publish_end();
         self.shared.states.iter().for_each(|states| states.remove(task));
@@ -188,6 +218,7 @@ impl Registrar {
         desk.forget();
         self.shared.metrics.happened(Event::TaskClosed);
         tracing::info!(%task, client = %task.client, "closed");
+        self.renew_if_idle();
     }
 }
 
@@ -224,7 +255,7 @@ fn new_desk(shared: &Arc<Shared>, seed: Seed) -> zenoh::Result<Desk> {
     let first = TwistMessage { epoch, valid_ms: settings.watchdog_ms(), ..TwistMessage::zero(task.status()) };
     Ok(Desk {
         twist_key: KeyExpr::try_from(shared.keys.twist(&key))?,
-        publications: Publications::declare(&shared.session, &shared.keys, &key)?,
+        publications: Publications::new(&shared.session, &shared.keys, &key)?,
         outlet: Mutex::new(Outlet::new(governor, first, command(&shared.session, &shared.keys, &key)?, born)),
         board: Mutex::new(Board::new(key.clone(), task.status(), epoch, born)),
         mailbox: Mailbox::new(shared.config.mailbox_depth, shared.config.limits.bytes_per_payload),

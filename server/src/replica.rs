@@ -130,7 +130,7 @@ impl Standby {
                 }
             }
             let busy = self.look();
-            self.shared.inbox.say(self.known(), self.records.len());
+            self.shared.inbox.say(self.known(), self.records.len(), self.workers.len() - 1);
             // Something new comes before something made ready.
             let prepared = events.is_empty() && !busy && self.prepare_one();
             pause = if busy || prepared { BUSY } else { QUIET };

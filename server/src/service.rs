@@ -2,7 +2,8 @@
 //!
 //! A worker that is fenced (a newer owner has one of its tasks) leaves with its whole session, since a key with two owners
 //! does not find back to one of them before that. Then the service opens the next session, under the same name; what the worker still
-//! owned is gone on with by whoever is first, the others or the next session.
+//! owned is gone on with by whoever is first, the others or the next session. A worker that has no task and has used up many of its
+//! session's keys leaves in the same way.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -85,7 +86,7 @@ async fn supervise(next: Next, first: Worker, mut ended: oneshot::Receiver<()>) 
         let carried = worker.shutdown(async {}).await;
         tracing::warn!(
             tasks = carried.len(),
-            "fenced: a new session follows, with the tasks that nobody else has taken"
+            "a new session follows, with the tasks that nobody else has taken"
         );
         worker = tokio::select! {
             _ = &mut ended => return next.end().await,

@@ -15,13 +15,14 @@ use domvs_proto::status::Status;
 use tokio::sync::Notify;
 use zenoh::Session;
 use zenoh::key_expr::KeyExpr;
-use zenoh::pubsub::Subscriber;
+use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::{Sample, SampleKind};
 
-use crate::clerk::{Asker, Clerks, Note};
+use crate::clerk::{Asker, Clerks, JustClosed, Note};
 use crate::config::ServerConfig;
 use crate::desk::{Desk, lock};
+use crate::endpoints::{Spent, learn_listeners};
 use crate::metrics::{Asked, Dropped, Event, Metrics};
 use crate::pool::Pool;
 use crate::record::{RecordCounts, RecordError, Recorder};
@@ -100,6 +101,7 @@ pub(crate) struct Worker {
     shared: Arc<Shared>,
     _queryables: Vec<Queryable<()>>,
     _subscribers: Vec<Subscriber<()>>,
+    _publishers: Vec<Publisher<'static>>,
     _listening: Listening,
     standby: JoinHandle<()>,
     clock: (mpsc::SyncSender<()>, JoinHandle<()>),
@@ -118,6 +120,10 @@ pub(crate) struct Shared {
     pub(crate) desks: Mutex<HashMap<String, Arc<Desk>>>,
     pub(crate) tenants: Tenants,
     clerks: Clerks,
+    /// Of this session's keys.
+    pub(crate) spent: Spent,
+    /// The tasks that were closed just now.
+    pub(crate) closed: JustClosed,
     /// How many tokens of clients there are, counted only.
     clients: AtomicI64,
     jobs: flume::Sender<Job>,
@@ -174,6 +180,7 @@ impl Worker {
             spawn("domvs-standby", move || standby.run(&news))?
         };
         let (queryables, subscribers) = declare(&shared).await?;
+        let publishers = learn_listeners(&shared.session, &shared.keys).await?;
         let listening = replica::declare(&shared).await?;
         shared.metrics.show(&shared);
         tracing::info!(worker = %shared.worker, threads = shared.config.compute_threads(), "ready");
@@ -181,6 +188,7 @@ impl Worker {
             shared,
             _queryables: queryables,
             _subscribers: subscribers,
+            _publishers: publishers,
             _listening: listening,
             standby,
             clock: (closing, clock),
@@ -242,6 +250,8 @@ impl Shared {
             recorder,
             desks: Mutex::default(),
             clerks,
+            spent: Spent::default(),
+            closed: JustClosed::default(),
             clients: AtomicI64::new(0),
             jobs,
             inbox,
@@ -311,11 +321,15 @@ impl Shared {
     /// Whether a key under `task` belongs to nobody here. With a wildcard somebody is gathering; silence is right then.
     fn is_unclaimed(&self, key: &KeyExpr<'_>) -> bool {
         // A standby is silent about the others' tasks: their owner, or the next one, answers.
-        let owned = |(task, _)| lock(&self.desks).contains_key(task) || self.inbox.knows(task);
-        !key.is_wild() && !self.keys.split_task(key.as_str()).is_some_and(owned)
+        !key.is_wild() && !self.keys.split_task(key.as_str()).is_some_and(|(task, _)| self.is_owned(task))
     }
 
-    /// A newer owner has a task of this worker: it leaves its session.
+    /// Whether `client/id` is a task of this worker, was one just now, or is another worker's.
+    pub(crate) fn is_owned(&self, task: &str) -> bool {
+        lock(&self.desks).contains_key(task) || self.closed.knows(task, self.now()) || self.inbox.knows(task)
+    }
+
+    /// A newer owner has a task of this worker, or its keys are used up: it leaves its session.
     pub(crate) fn fence(&self) {
         self.fenced.notify_one();
     }
@@ -457,6 +471,9 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
         let shared = Arc::clone(shared);
         move |sample: Sample| {
             let more = if sample.kind() == SampleKind::Put { 1 } else { -1 };
+            if more > 0 {
+                shared.spent.heard();
+            }
             shared.clients.fetch_add(more, Ordering::AcqRel);
         }
     };

@@ -14,6 +14,7 @@ pub(super) struct Gauges {
     tasks: IntGaugeVec,
     capacity: IntGauge,
     clients: IntGauge,
+    keys: IntGauge,
     epoch: IntGauge,
     load: Gauge,
     threads: IntGauge,
@@ -54,6 +55,7 @@ impl Gauges {
             tasks: whole_by("domvs_tasks", "Tasks, by the word of their status", &["status"])?,
             capacity: whole("domvs_tasks_limit", "Tasks that the worker takes")?,
             clients: whole("domvs_clients", "Clients whose liveliness token is there")?,
+            keys: whole("domvs_session_keys", "Keys of the Zenoh session that are used up; no task is made beyond 60000")?,
             epoch: whole("domvs_epoch_max", "Highest epoch of the worker's tasks; 0 without a task")?,
             load: real("domvs_load_ratio", "Busy share of the compute threads over the last second")?,
             threads: whole("domvs_compute_threads", "Compute threads")?,
@@ -85,6 +87,7 @@ impl Gauges {
         self.epoch.set(epoch);
         self.capacity.set(i64::from(info.capacity));
         self.clients.set(i64::from(info.clients));
+        self.keys.set(shared.spent.count() as i64);
         self.load.set(info.load);
         self.threads.set(i64::from(info.threads));
         self.uptime.set(info.uptime_s);

@@ -56,6 +56,7 @@ pub(crate) struct Inbox {
     dropped: AtomicU64,
     known: Mutex<HashSet<String>>,
     records: AtomicUsize,
+    others: AtomicUsize,
     asked: Mutex<BTreeMap<TaskKey, Moment>>,
 }
 
@@ -69,6 +70,7 @@ impl Inbox {
             dropped: AtomicU64::new(0),
             known: Mutex::default(),
             records: AtomicUsize::new(0),
+            others: AtomicUsize::new(0),
             asked: Mutex::default(),
         };
         (inbox, waiting)
@@ -136,7 +138,8 @@ impl Inbox {
     }
 
     /// What the standby knows now.
-    pub(crate) fn say<'a>(&self, known: impl Iterator<Item = &'a TaskKey>, records: usize) {
+    pub(crate) fn say<'a>(&self, known: impl Iterator<Item = &'a TaskKey>, records: usize, others: usize) {
+        self.others.store(others, Ordering::Relaxed);
         *lock(&self.known) = known.map(ToString::to_string).collect();
         self.records.store(records, Ordering::Relaxed);
     }
@@ -144,6 +147,11 @@ impl Inbox {
     /// Whether `client/id` is a task of another worker, as far as this one knows.
     pub(crate) fn knows(&self, task: &str) -> bool {
         lock(&self.known).contains(task)
+    }
+
+    /// Whether there are other workers, whose news may be on their way.
+    pub(crate) fn has_others(&self) -> bool {
+        self.others.load(Ordering::Relaxed) > 0
     }
 
     /// Tasks of others whose state is here.
@@ -206,6 +214,9 @@ fn note_owner(shared: &Shared, sample: &Sample) {
     let Some((task, worker, epoch)) = shared.keys.parse_owner(sample.key_expr().as_str()) else { return };
     let alive = sample.kind() == SampleKind::Put;
     if alive {
+        if worker != shared.worker {
+            shared.spent.heard();
+        }
         // At once, whatever the standby's thread is doing: nothing more moves by this worker's word.
         let own = lock(&shared.desks).get(&task.to_string()).cloned();
         own.filter(|desk| epoch > desk.epoch).inspect(|desk| desk.supersede());
