@@ -268,17 +268,6 @@ mod tests {
         assert_eq!(judge(&mut estimator, 62_000, 62_010), Age::Fresh);
     }
 
-    /// Judges a frame without a capture time, where silence is what lasts longer than `watchdog`. What ends a silence may be
-    /// what waited on the way: for one watchdog time from then on such frames prove nothing. A link that holds them back gives them
-    /// back within that time, or goes on being slow.
-    pub fn judge_untimed(&mut self, received: Moment, watchdog: Duration) -> Age {
-        let before = self.untimed.replace(received);
-        if before.is_some_and(|before| received.saturating_sub(before) > watchdog) {
-            self.doubtful_until = received + watchdog;
-        }
-        if received < self.doubtful_until { Age::Stale } else { Age::Fresh }
-    }
-
     /// Judges a frame captured at this time and so many microseconds on its way, a clock that drifts among them.
     fn judge_us(estimator: &mut AgeEstimator, captured_ms: u64, on_the_way_us: u64) -> Age {
         let captured = Duration::from_millis(captured_ms);

@@ -80,7 +80,9 @@ impl Desk {
         let now = self.shared.now();
         match control {
             Control::Start | Control::Resume => outlet.halt(None, now),
-            Control::Pause | Control::Stop => outlet.brake(status, now),
+            Control::Pause => outlet.brake(status, now),
+            // Not only braked: an older halt would go on saying why it stood before.
+            Control::Stop => outlet.halt(Some(status), now),
             Control::Close => {
                 outlet.halt(Some(Status::Stopped), now);
                 task.latch(Status::Stopped);

@@ -68,8 +68,8 @@ pub fn frames_are_refused_before_memory_is_taken() {
     assert!(refused.is_err() && bytes <= LITTLE, "an attachment of 60 MB: {bytes} bytes");
 }
 
-/// A body is bounded in bytes and in values, and so is what is made of it.
-pub fn bodies_take_no_more_than_sixteen_mebibytes() {
+/// A body is bounded in bytes and in values, and so is what is made of it: settings that are read are copied twice before they are refused.
+pub fn bodies_take_no_more_than_thirty_two_mebibytes() {
     let fill =
         |begin: &str, piece: &str| [begin, &piece.repeat((body::MAX_JSON_BYTES - begin.len()) / piece.len())].concat();
     // Each is two: itself and the number in it.
@@ -80,7 +80,7 @@ pub fn bodies_take_no_more_than_sixteen_mebibytes() {
         ("one byte too many", " ".repeat(body::MAX_JSON_BYTES + 1), LITTLE),
         ("a name of a megabyte", fill(r#"{""#, "x"), 4 << 20),
         ("a list of little objects", fill(r#"{"depth":["#, r#"{"":0},"#), LITTLE),
-        ("as many little objects as a body may have", format!(r#"{{"depth":[{as_many}0]}}"#), 16 << 20),
+        ("as many little objects as a body may have", format!(r#"{{"depth":[{as_many}0]}}"#), 32 << 20),
         ("the same name again and again", fill(r#"{"#, r#""method":"hahn","#), LITTLE),
     ] {
         let (bytes, refused) = bytes_of(|| TaskSettings::from_create_body(text.as_bytes()));

@@ -34,7 +34,10 @@ fn main() {
         ("a_steady_frame_of_any_method_allocates_nothing", frames::methods_allocate_nothing),
         ("a_picture_file_allocates_little_and_the_same_for_every_frame", frames::files_allocate_little),
         ("hostile_frames_are_refused_before_memory_is_taken", hostile::frames_are_refused_before_memory_is_taken),
-        ("hostile_bodies_take_no_more_than_sixteen_mebibytes", hostile::bodies_take_no_more_than_sixteen_mebibytes),
+        (
+            "hostile_bodies_take_no_more_than_thirty_two_mebibytes",
+            hostile::bodies_take_no_more_than_thirty_two_mebibytes,
+        ),
         ("a_task_keeps_to_its_memory_and_gives_it_back", memory::a_task_gives_its_memory_back),
         ("a_twist_over_zenoh_allocates_no_more_than_an_echo", network::a_twist_allocates_no_more_than_an_echo),
     ];

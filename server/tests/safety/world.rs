@@ -97,7 +97,8 @@ impl World {
         let Ok(status) = self.task.control(control) else { return };
         match control {
             Control::Start | Control::Resume => self.outlet.halt(None, self.now),
-            Control::Pause | Control::Stop => self.outlet.brake(status, self.now),
+            Control::Pause => self.outlet.brake(status, self.now),
+            Control::Stop => self.outlet.halt(Some(status), self.now),
             Control::Close => self.halt(Status::Stopped),
         }
         self.started |= self.task.is_running();
