@@ -162,11 +162,7 @@ fn queryable(
 }
 
 /// `own`: only what is put on this key is the task's.
-fn frame_subscriber(
-    key: String,
-    own: Option<KeyExpr<'static>>,
-    desk: &Arc<Desk>,
-) -> zenoh::Result<Subscriber<()>> {
+fn frame_subscriber(key: String, own: Option<KeyExpr<'static>>, desk: &Arc<Desk>) -> zenoh::Result<Subscriber<()>> {
     let (session, desk) = (&desk.shared.session, Arc::clone(desk));
     let take = move |sample: Sample| {
         if own.as_ref().is_none_or(|own| own.intersects(sample.key_expr())) {

@@ -84,10 +84,7 @@ async fn supervise(next: Next, first: Worker, mut ended: oneshot::Receiver<()>) 
             () = worker.fenced() => {}
         }
         let carried = worker.shutdown(async {}).await;
-        tracing::warn!(
-            tasks = carried.len(),
-            "a new session follows, with the tasks that nobody else has taken"
-        );
+        tracing::warn!(tasks = carried.len(), "a new session follows, with the tasks that nobody else has taken");
         worker = tokio::select! {
             _ = &mut ended => return next.end().await,
             worker = next.worker(carried) => worker,

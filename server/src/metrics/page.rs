@@ -55,7 +55,10 @@ impl Gauges {
             tasks: whole_by("domvs_tasks", "Tasks, by the word of their status", &["status"])?,
             capacity: whole("domvs_tasks_limit", "Tasks that the worker takes")?,
             clients: whole("domvs_clients", "Clients whose liveliness token is there")?,
-            keys: whole("domvs_session_keys", "Keys of the Zenoh session that are used up; no task is made beyond 60000")?,
+            keys: whole(
+                "domvs_session_keys",
+                "Keys of the Zenoh session that are used up; no task is made beyond 60000",
+            )?,
             epoch: whole("domvs_epoch_max", "Highest epoch of the worker's tasks; 0 without a task")?,
             load: real("domvs_load_ratio", "Busy share of the compute threads over the last second")?,
             threads: whole("domvs_compute_threads", "Compute threads")?,
