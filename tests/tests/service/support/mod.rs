@@ -160,7 +160,7 @@ fn router_config(endpoint: &str) -> Config {
         ("scouting/delay", "0".to_owned()),
         // As the shipped router has them.
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "20000".to_owned()),
-        ("transport/link/tx/queue/size/real_time", "16".to_owned()),
+        ("transport/link/tx/queue/congestion_control/block/wait_before_close", "1000000".to_owned()),
     ] {
         config.insert_json5(key, &value).expect("a known key");
     }
