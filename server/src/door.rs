@@ -34,7 +34,7 @@ pub(crate) fn control(desk: &Arc<Desk>, query: Query) {
     }
     match desk.tenant.may(Doing::Control, received) {
         Err(error) if !is_stop(&query) => refuse(desk, Asker::Owner, query, ErrorReply::new(ErrorCode::Quota, error)),
-        _ => enqueue(desk, Order::Control(query, received), 0, |desk, order| desk.mailbox.push_urgent(order)),
+        _ => enqueue(desk, Order::Control(query, received), 0),
     }
 }
 
@@ -63,7 +63,7 @@ pub(crate) fn state(desk: &Arc<Desk>, query: Query) {
         let error = "the state of this task is asked for too often; ask again";
         return refuse(desk, Asker::Stranger, query, ErrorReply::new(ErrorCode::Quota, error));
     }
-    enqueue(desk, Order::State(query), 0, |desk, order| desk.mailbox.push_question(order));
+    enqueue(desk, Order::State(query), 0);
 }
 
 pub(crate) fn request_twist(desk: &Arc<Desk>, query: Query) {
@@ -176,15 +176,10 @@ fn order(desk: &Arc<Desk>, order: Order) {
         return refuse(desk, Asker::Owner, order.into_query(), ErrorReply::new(ErrorCode::Quota, error));
     }
     let size = order.query().payload().map_or(0, ZBytes::len);
-    enqueue(desk, order, size, |desk, order| desk.mailbox.push_order(order));
+    enqueue(desk, order, size);
 }
 
-fn enqueue(
-    desk: &Arc<Desk>,
-    order: Order,
-    bytes: usize,
-    push: impl FnOnce(&Desk, Waiting<Order>) -> Result<(), Waiting<Order>>,
-) {
+fn enqueue(desk: &Arc<Desk>, order: Order, bytes: usize) {
     // What is small and has a queue of its own takes nothing of the account, so that a full account holds back no stop.
     let held = match order {
         Order::Control(..) | Order::State(_) => desk.tenant.hold_bytes(0),
@@ -196,7 +191,13 @@ fn enqueue(
             return refuse(desk, Asker::Owner, order.into_query(), ErrorReply::new(ErrorCode::Quota, error));
         }
     };
-    match push(desk, Waiting { message: order, held }) {
+    let waiting = Waiting { message: order, held };
+    let pushed = match waiting.message {
+        Order::Control(..) => desk.mailbox.push_urgent(waiting),
+        Order::State(_) => desk.mailbox.push_question(waiting),
+        Order::Settings(_) | Order::Target(..) => desk.mailbox.push_order(waiting),
+    };
+    match pushed {
         Ok(()) => desk.shared.pool.schedule(desk),
         Err(full) => {
             let depth = desk.shared.config.mailbox_depth;

@@ -37,6 +37,9 @@ pub(crate) struct StateDir {
     writer: Mutex<Option<JoinHandle<()>>>,
 }
 
+/// A task's state, and its target if it has one.
+type Kept = (TaskState, Option<SentTarget>);
+
 struct Shared {
     folder: PathBuf,
     waiting: Mutex<Waiting>,
@@ -50,7 +53,7 @@ struct Shared {
 #[derive(Default)]
 struct Waiting {
     /// By task: what to write, or `None` to remove the file.
-    changes: BTreeMap<TaskKey, Option<(TaskState, Option<SentTarget>)>>,
+    changes: BTreeMap<TaskKey, Option<Kept>>,
     writing: bool,
     closed: bool,
 }
@@ -133,7 +136,7 @@ impl StateDir {
 }
 
 impl Shared {
-    fn change(&self, task: TaskKey, change: Option<(TaskState, Option<SentTarget>)>) {
+    fn change(&self, task: TaskKey, change: Option<Kept>) {
         let mut waiting = lock(&self.waiting);
         if change.is_none() && waiting.changes.len() >= MOST_WAITING {
             // A disk that cannot be written and many tasks that come and go: the file comes back as a task that nobody uses.
@@ -179,7 +182,7 @@ impl Shared {
     }
 
     /// What to write next; `None` when nothing more comes.
-    fn next(&self) -> Option<(TaskKey, Option<(TaskState, Option<SentTarget>)>)> {
+    fn next(&self) -> Option<(TaskKey, Option<Kept>)> {
         let mut waiting = lock(&self.waiting);
         loop {
             if let Some(next) = waiting.changes.pop_first() {

@@ -124,7 +124,7 @@ fn check_chunks(bytes: &[u8]) -> Result<(), String> {
         if chunks > MOST_CHUNKS {
             return Err(format!("at most {MOST_CHUNKS} chunks, got more"));
         }
-        if after.starts_with(b"PLTE") && (length % 3 != 0 || length > 3 * 256) {
+        if after.starts_with(b"PLTE") && (!length.is_multiple_of(3) || length > 3 * 256) {
             return Err(format!("a palette has up to 256 colours of 3 bytes, got {length} bytes"));
         }
         rest = after.get(length + 8..).unwrap_or_default();
