@@ -7,8 +7,11 @@ mod images;
 mod servoing;
 mod text;
 
+/// What is done with an input.
+pub type Target = fn(&[u8]);
+
 /// Every target by its name, which is its corpus's folder.
-pub const ALL: [(&str, fn(&[u8])); 10] = [
+pub const ALL: [(&str, Target); 10] = [
     ("header", images::header),
     ("raw", images::raw),
     ("png", images::png),
