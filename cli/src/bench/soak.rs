@@ -1,8 +1,8 @@
 //! Tasks, churn and faults together, for minutes or hours, and a verdict. Workers are processes that join a router in this one; every task has
-//! a client and a camera in a session of its own ([`player`]); a [`plan`] from a seed says what goes wrong; the [`judge`] holds every
+//! a client and a camera in a session of its own ([`player`]); a [`plan`](mod@plan) from a seed says what goes wrong; the [`judge`] holds every
 //! twist against the frames that went out; the [`crew`] is watched from the system's side; the [`verdict`] says what held.
 //!
-//! The data's way: [`plan`] → [`stage`] → [`player`]s, under the eyes of [`judge`] and [`crew`] → [`verdict`].
+//! The data's way: [`plan`](mod@plan) → [`stage`] → [`player`]s, under the eyes of [`judge`] and [`crew`] → [`verdict`].
 
 pub mod plan;
 
