@@ -140,8 +140,9 @@ def check_lab():
         with zenoh.open(router), zenoh.open(members["alice"]) as alice, zenoh.open(members["front"]) as front:
             alice.declare_subscriber("domvs/camera/*/*", lambda sample: (heard.append(str(sample.key_expr)), came.set()))
             key = "domvs/camera/front/frame"
-            tries = range(10 * PATIENCE_S)
-            arrived = any(front.put("domvs/camera/other/frame", b"") or front.put(key, b"") or came.wait(0.1) for _ in tries)
+            # One after the other: two frames at once are more than the router's rate, whoever they are of.
+            keys = ["domvs/camera/other/frame", key] * (5 * PATIENCE_S)
+            arrived = any(front.put(each, b"") or came.wait(0.1) for each in keys)
         assert arrived and set(heard) == {key}, f"heard {set(heard)}"
 
 
