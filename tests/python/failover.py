@@ -136,8 +136,8 @@ def round_of(session, workers, heard, task, names, how):
     owner = heard.owners[epoch][1]
     standby = lambda name: json.loads(ask(session, f"domvs/worker/{name}/info"))["standby"]
     wait_until("every standby knows the task", lambda: all(standby(name) == 1 for name in names if name != owner))
-    # Time to make it ready.
-    time.sleep(0.3)
+    # Time to make it ready; and a worker that has just joined takes nothing over for its first half second.
+    time.sleep(0.8)
     heard.words.clear()
     began = time.monotonic()
     if how == "SIGKILL":
