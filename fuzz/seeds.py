@@ -6,6 +6,7 @@
 Seeds are called seed-*; what the fuzzer found and what was mended is beside them under its own name and is left alone.
 """
 
+import hashlib
 import io
 import json
 import pathlib
@@ -137,6 +138,24 @@ def bodies():
     write("config", "shipped", (HERE.parent / "deploy" / "server.toml").read_bytes())
 
 
+def state_file(state, head=b"", encoding=b"", payload=b""):
+    parts = [json.dumps(state, separators=(",", ":")).encode(), head, encoding, payload]
+    content = b"domvs-state 1\n" + struct.pack("<4Q", *map(len, parts)) + b"".join(parts)
+    return content + hashlib.sha3_256(content).digest()
+
+
+def states():
+    state = json.loads((GOLDEN / "task_state.json").read_text())
+    write("state", "bare", state_file(state | {"target": None}))
+    # Without a deadline, as a target is kept.
+    head, encoding, payload = header(1)[:-8] + bytes(8), b"image/x", bytes(WIDTH * HEIGHT)
+    hashed = hashlib.sha3_256(head + struct.pack("<Q", len(encoding)) + encoding + payload).hexdigest()
+    target = {"hash": hashed, "width": WIDTH, "height": HEIGHT, "payload_bytes": len(payload)}
+    write("state", "target", state_file(state | {"target": target}, head, encoding, payload))
+    write("state", "another_target", state_file(state, head, encoding, payload))
+    write("state", "unnamed_target", state_file(state | {"target": None}, head, encoding, payload))
+
+
 def keys():
     leaves = ("target", "twist", "frame", "command", "status", "settings", "control", "state", "owner/w1/65578")
     texts = [f"domvs/task/alice/t1/{leaf}" for leaf in leaves]
@@ -164,5 +183,6 @@ if __name__ == "__main__":
     raw_frames()
     pictures()
     bodies()
+    states()
     keys()
     tasks()

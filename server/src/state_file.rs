@@ -47,7 +47,11 @@ pub fn encode(state: &TaskState, target: Option<&SentTarget>) -> Vec<u8> {
         Some(target) => (target.header.encode(), target.encoding.as_bytes(), target.payload.as_slice()),
         None => (vec![], &[][..], &[][..]),
     };
-    let parts = [&json[..], &header, encoding, payload];
+    of_parts([&json, &header, encoding, payload])
+}
+
+/// A file of these parts, whatever they say: JSON, header, Encoding, payload.
+pub fn of_parts(parts: [&[u8]; 4]) -> Vec<u8> {
     let mut bytes = MAGIC.to_vec();
     parts.iter().for_each(|part| bytes.extend((part.len() as u64).to_le_bytes()));
     parts.iter().for_each(|part| bytes.extend(*part));

@@ -1,7 +1,6 @@
 //! One client's servoing towards one target, without a network: what a frame meets on its way and what stays
 //! from frame to frame. `pipeline` moves a frame through it; here are its orders: control, target, settings.
 
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::time::Duration;
 
 use domvs_proto::frame::FrameHeader;
@@ -10,6 +9,7 @@ use domvs_proto::settings::{self, TaskSettings};
 use domvs_proto::status::Status;
 use domvs_vision::{Depth, DepthMap, HoleFill, Servo, Twist, View};
 use serde_json::Value;
+use sha3::{Digest, Sha3_256};
 
 use crate::Moment;
 use crate::age::AgeEstimator;
@@ -107,12 +107,16 @@ impl SentTarget {
     /// A target that has not been decoded yet. Only what describes the picture is kept of the header.
     pub fn new(header: FrameHeader, encoding: String, payload: Vec<u8>) -> SentTarget {
         let header = FrameHeader { secret: None, deadline_us: 0, ..header };
-        let mut hasher = DefaultHasher::new();
-        (header.encode(), &encoding, &payload).hash(&mut hasher);
-        SentTarget { header, encoding, payload, size: [0, 0], hash: format!("{:016x}", hasher.finish()) }
+        let mut hasher = Sha3_256::new();
+        hasher.update(header.encode());
+        hasher.update((encoding.len() as u64).to_le_bytes());
+        hasher.update(&encoding);
+        hasher.update(&payload);
+        SentTarget { header, encoding, payload, size: [0, 0], hash: format!("{:x}", hasher.finalize()) }
     }
 
-    /// The same for the same header, Encoding and payload, in hexadecimal.
+    /// SHA3-256 of the header as it is kept, the length of the Encoding (u64, little-endian), the Encoding and the payload, in hexadecimal: the
+    /// same on every build of a worker, as replicas and files of the state directory compare it.
     pub fn hash(&self) -> &str {
         &self.hash
     }

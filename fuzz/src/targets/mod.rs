@@ -11,7 +11,7 @@ mod text;
 pub type Target = fn(&[u8]);
 
 /// Every target by its name, which is its corpus's folder.
-pub const ALL: [(&str, Target); 10] = [
+pub const ALL: [(&str, Target); 11] = [
     ("header", images::header),
     ("raw", images::raw),
     ("png", images::png),
@@ -21,5 +21,6 @@ pub const ALL: [(&str, Target); 10] = [
     ("twist", text::twist),
     ("keys", text::keys),
     ("config", text::config),
+    ("state", text::state),
     ("task", servoing::task),
 ];

@@ -1,4 +1,4 @@
-//! JSON bodies, keys, twists and the operator's file.
+//! JSON bodies, keys, twists, the operator's file and the files of the state directory.
 
 use std::fmt::Debug;
 
@@ -11,6 +11,8 @@ use domvs_proto::settings::TaskSettings;
 use domvs_proto::twist::TwistMessage;
 use domvs_server::ServerConfig;
 use domvs_server::law::{intrinsics, law};
+use domvs_server::state_file;
+use domvs_server::task::SentTarget;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -124,6 +126,33 @@ pub fn config(data: &[u8]) {
     if let Ok(config) = ServerConfig::parse(text) {
         assert_eq!(config.clone().checked().expect("checked"), config);
         config.worker_name();
+    }
+}
+
+/// A file of the state directory as it is; and its parts, cut where its lengths say as far as they go, under a checksum that is right. What is
+/// accepted is written and read back the same.
+pub fn state(data: &[u8]) {
+    const LENGTHS: usize = 14;
+    state_read(data);
+    let Some((lengths, mut rest)) = data.get(LENGTHS..).and_then(|rest| rest.split_at_checked(4 * 8)) else { return };
+    let parts = std::array::from_fn(|part| {
+        let length = u64::from_le_bytes(std::array::from_fn(|byte| lengths[8 * part + byte]));
+        let (cut, left) = rest.split_at(rest.len().min(usize::try_from(length).unwrap_or(usize::MAX)));
+        rest = left;
+        cut
+    });
+    state_read(&state_file::of_parts(parts));
+}
+
+fn state_read(file: &[u8]) {
+    match state_file::decode(file) {
+        Ok((state, target)) => {
+            let (again, target_again) = state_file::decode(&state_file::encode(&state, target.as_ref())).expect("ours");
+            assert_eq!(again, state);
+            let parts = |sent: &SentTarget| (sent.header.clone(), sent.encoding.clone(), sent.payload.clone());
+            assert_eq!(target_again.as_ref().map(parts), target.as_ref().map(parts));
+        }
+        Err(error) => refused(&error.to_string()),
     }
 }
 

@@ -15,7 +15,7 @@ use crate::status::Status;
 /// Which target a task has, without its pixels.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TargetReference {
-    /// Hash of header, Encoding and payload, in hexadecimal; the same for the same target on one worker version.
+    /// SHA3-256 of header (without secret and deadline), length of the Encoding (u64, little-endian), Encoding and payload, in hexadecimal.
     pub hash: String,
     /// Pixels in a row.
     pub width: u32,

@@ -291,8 +291,12 @@ fn camera_info_is_as_printed() {
 
 #[test]
 fn task_state_is_as_printed() {
-    let target =
-        TargetReference { hash: "9f86d081884c7d65".to_owned(), width: 640, height: 480, payload_bytes: 921_600 };
+    let target = TargetReference {
+        hash: "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08".to_owned(),
+        width: 640,
+        height: 480,
+        payload_bytes: 921_600,
+    };
     let state = TaskState {
         task: task(),
         worker: name("w1"),

@@ -37,3 +37,14 @@ fn every_folder_of_inputs_has_its_target() {
         assert!(targets::ALL.iter().any(|(target, _)| *target == name), "{name:?}");
     }
 }
+
+#[test]
+fn a_state_file_written_by_another_program_is_read() {
+    let read = |name: &str| {
+        let bytes = std::fs::read(folder("state").join(name)).expect("fuzz/seeds.py wrote it");
+        domvs_server::state_file::decode(&bytes).map(|(_, target)| target.map(|target| target.payload.len()))
+    };
+    assert_eq!(read("seed-bare"), Ok(None));
+    assert_eq!(read("seed-target"), Ok(Some(24 * 16)));
+    assert!(read("seed-another_target").is_err() && read("seed-unnamed_target").is_err());
+}
