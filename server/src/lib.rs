@@ -81,6 +81,8 @@ mod state_dir;
 
 mod worker;
 
+mod error;
+
 mod service;
 
 pub mod session;
@@ -89,11 +91,11 @@ pub mod record;
 
 pub use age::SETTLING;
 pub use config::{ConfigError, ServerConfig};
+pub use error::ServiceError;
 pub use governor::{AccelerationLimits, Governed, Governor, SpeedLimits, limit_speed};
 pub use life::DIVERGING_FRAMES;
 pub use outlet::{Outlet, Publish, Received, ZERO_PERIOD};
 pub use service::Service;
-pub use worker::ServiceError;
 
 /// A time by the worker's monotonic clock: since the worker started. Always an argument, never read in the
 /// steps themselves, so that tests choose it and a recording can feed it back.

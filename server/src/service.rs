@@ -16,10 +16,11 @@ use tokio::time::{Instant, sleep};
 use zenoh::{Config, Session};
 
 use crate::config::ServerConfig;
+use crate::error::ServiceError;
 use crate::metrics::{Metrics, MetricsEndpoint};
 use crate::replica::{Carried, epoch};
 use crate::state_dir::StateDir;
-use crate::worker::{SESSION_CLOSE, ServiceError, Worker};
+use crate::worker::{SESSION_CLOSE, Worker};
 
 /// Between two tries to open the next session.
 const PAUSE: Duration = Duration::from_millis(200);

@@ -2,8 +2,6 @@
 //! clock watches them, the pool computes.
 
 use std::collections::HashMap;
-use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
@@ -23,9 +21,10 @@ use crate::clerk::{Asker, Clerks, JustClosed, Note};
 use crate::config::ServerConfig;
 use crate::desk::{Desk, lock};
 use crate::endpoints::{Spent, learn_listeners};
+use crate::error::ServiceError;
 use crate::metrics::{Asked, Dropped, Event, Metrics};
 use crate::pool::Pool;
-use crate::record::{RecordCounts, RecordError, Recorder};
+use crate::record::{RecordCounts, Recorder};
 use crate::registrar::{Job, Registrar};
 use crate::replica::{self, Carried, Inbox, Listening, Standby};
 use crate::state_dir::StateDir;
@@ -44,57 +43,6 @@ const THREADS_END: Duration = Duration::from_millis(700);
 /// How long the session may take to close, and meanwhile the recording and whatever else is written. With the threads' time it stays
 /// under two seconds, whatever hangs.
 pub(crate) const SESSION_CLOSE: Duration = Duration::from_millis(800);
-
-/// Why a worker could not start.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ServiceError {
-    /// Zenoh refused a declaration.
-    #[error("cannot declare the worker's keys: {0}")]
-    Zenoh(String),
-    /// The prefix is not one.
-    #[error(transparent)]
-    Prefix(#[from] domvs_proto::keys::KeyError),
-    /// No thread could be started.
-    #[error("cannot start a thread: {0}")]
-    Thread(#[from] std::io::Error),
-    /// A live worker has this name, or one whose epochs would be the same.
-    #[error("worker {worker} cannot be told from the live worker {rival}: choose another name")]
-    NameTaken {
-        /// The name that was chosen.
-        worker: Name,
-        /// Who has it.
-        rival: Name,
-    },
-    /// The state directory cannot be used.
-    #[error("cannot use the state directory {folder}: {source}")]
-    StateDir {
-        /// The folder.
-        folder: PathBuf,
-        /// What the system says.
-        source: std::io::Error,
-    },
-    /// The recording could not begin.
-    #[error(transparent)]
-    Record(#[from] RecordError),
-    /// Nobody can listen where the metrics should be.
-    #[error("cannot serve metrics on {address}: {source}")]
-    MetricsAddress {
-        /// The address.
-        address: SocketAddr,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The metrics contradict each other.
-    #[error("cannot make the metrics: {0}")]
-    Metrics(#[from] prometheus::Error),
-}
-
-impl From<zenoh::Error> for ServiceError {
-    fn from(error: zenoh::Error) -> ServiceError {
-        ServiceError::Zenoh(error.to_string())
-    }
-}
 
 /// A worker in one session. Ends with [`Worker::shutdown`]; dropped, it ends in the same order, but nobody waits for it.
 pub(crate) struct Worker {
