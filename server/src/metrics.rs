@@ -112,6 +112,8 @@ pub(crate) enum Event {
     TaskCreated,
     /// A task that another worker had lost, or this one in its session before.
     TaskTakenOver,
+    /// A task of this worker that a newer owner has: the worker leaves its session.
+    TaskSuperseded,
     TaskClosed,
     /// Zeros were sent because no frame had come.
     WatchdogBrake,
@@ -130,9 +132,14 @@ pub(crate) enum Event {
 }
 
 impl Event {
-    const ALL: [(Event, &'static str, &'static str); 10] = [
+    const ALL: [(Event, &'static str, &'static str); 11] = [
         (Event::TaskCreated, "domvs_tasks_created_total", "Tasks that were created"),
         (Event::TaskTakenOver, "domvs_tasks_taken_over_total", "Tasks that were lost elsewhere and go on here"),
+        (
+            Event::TaskSuperseded,
+            "domvs_tasks_superseded_total",
+            "Tasks that another worker took while this one stood still or was cut off; its session was left",
+        ),
         (Event::TaskClosed, "domvs_tasks_closed_total", "Tasks that were closed"),
         (Event::WatchdogBrake, "domvs_watchdog_brakes_total", "Zeros sent because no frame came within watchdog_ms"),
         (Event::ClientLost, "domvs_clients_lost_total", "Tasks halted because their client's liveliness token went"),

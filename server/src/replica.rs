@@ -26,6 +26,7 @@ use zenoh::sample::Locality;
 
 use crate::Moment;
 use crate::desk::lock;
+use crate::metrics;
 use crate::task::SentTarget;
 use crate::worker::Shared;
 
@@ -179,6 +180,7 @@ impl Standby {
         if let Some(desk) = own.filter(|desk| epoch > desk.epoch) {
             tracing::warn!(%task, epoch, owner = %worker, own_epoch = desk.epoch, "a newer owner has the task: this worker leaves and comes back");
             desk.supersede();
+            self.shared.metrics.happened(metrics::Event::TaskSuperseded);
             self.shared.pool.schedule(&desk);
             self.shared.fence();
         }

@@ -172,3 +172,31 @@ async fn a_taken_address_is_an_error_that_names_it_and_without_one_nobody_listen
     assert!(error.contains(&address.to_string()), "{error}");
     stage.close().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_page_and_its_counts_outlive_a_session_that_the_worker_had_to_leave() {
+    let (stage, address) = stage().await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let task = started(&client, &scene.settings(), &scene.target()).await;
+    assert!(task.twist(&scene.frame(1)).await.expect("answered").is_servoing());
+    let other = client.create_task(&scene.settings()).await.expect("created");
+
+    // Somebody else has one of the tasks now: the worker leaves its session and comes back with the other.
+    let rival = stage.stranger().await;
+    let token = stage.keys.owner(other.key(), &name("rival"), other.epoch() + (1 << 16));
+    let _token = rival.liveliness().declare_token(token).await.expect("declared");
+    let page = in_time("the next session", async {
+        loop {
+            let page = page(address).await;
+            if page["domvs_tasks_taken_over_total"] == 1.0 {
+                break page;
+            }
+        }
+    })
+    .await;
+    assert_eq!(page["domvs_tasks_superseded_total"], 1.0);
+    assert_eq!(page["domvs_tasks_created_total"], 2.0);
+    assert_eq!(page[r#"domvs_answers_total{route="requested",status="servoing"}"#], 1.0);
+    stage.close().await;
+}
