@@ -11,13 +11,18 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
 use clap::ValueEnum;
-use tracing_subscriber::EnvFilter;
+use tracing::level_filters::LevelFilter;
+use tracing::{Level, Metadata, Subscriber};
+use tracing_subscriber::filter::{FilterExt, filter_fn};
 use tracing_subscriber::fmt::MakeWriter;
+use tracing_subscriber::layer::{Layer, SubscriberExt};
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, fmt, registry};
 
 /// Which lines are said: goes before `RUST_LOG`.
 pub const VARIABLE: &str = "DOMVS_LOG";
-/// Where Zenoh writes its configuration, and the most that is let through from there.
-const CONFIGURATION: &str = "zenoh::api::session=info";
+/// Where Zenoh writes its configuration, at a level beyond info.
+const CONFIGURATION: &str = "zenoh::api::session";
 /// Lines that may wait for the reader.
 const WAITING: usize = 1024;
 /// How long the end of the program waits for them.
@@ -53,22 +58,34 @@ pub fn start(verbose: u8, format: LogFormat, colored: bool) -> io::Result<Log> {
     let left_out = Arc::new(AtomicU64::new(0));
     let writer = Writer { lines: lines.clone(), left_out: Arc::clone(&left_out) };
     std::thread::Builder::new().name("log".into()).spawn(move || write_lines(&waiting, &left_out, format))?;
-    let log = tracing_subscriber::fmt().with_env_filter(filter(verbose));
-    match format {
-        LogFormat::Text => log.with_writer(writer).with_ansi(colored).init(),
-        LogFormat::Json => log.json().flatten_event(true).with_writer(writer).init(),
-    }
+    subscriber(asked(verbose), format, writer, colored).init();
     Ok(Log { lines })
 }
 
 /// What passes: the variable, or else `RUST_LOG`, or else the level of this many `-v`.
-pub fn filter(verbose: u8) -> EnvFilter {
+fn asked(verbose: u8) -> EnvFilter {
     let asked = EnvFilter::try_from_env(VARIABLE).or_else(|_| EnvFilter::try_from_default_env());
-    without_configuration(asked.unwrap_or_else(|_| EnvFilter::new(directives(verbose))))
+    asked.unwrap_or_else(|_| EnvFilter::new(directives(verbose)))
 }
 
-fn without_configuration(filter: EnvFilter) -> EnvFilter {
-    filter.add_directive(CONFIGURATION.parse().expect("a directive, see the tests"))
+/// Whoever gets the lines that were asked for, but for Zenoh's configuration.
+pub fn subscriber<W>(asked: EnvFilter, format: LogFormat, writer: W, colored: bool) -> impl Subscriber + Send + Sync
+where
+    W: for<'a> MakeWriter<'a> + Send + Sync + 'static,
+{
+    // A filter of its own: in the other one, a longer directive would go before it, and it before a stricter one.
+    let harmless = filter_fn(is_harmless).with_max_level_hint(LevelFilter::TRACE);
+    let log = fmt::layer().with_writer(writer);
+    let log = match format {
+        LogFormat::Text => log.with_ansi(colored).boxed(),
+        LogFormat::Json => log.json().flatten_event(true).boxed(),
+    };
+    registry().with(log.with_filter(asked.and(harmless)))
+}
+
+/// Whether a line cannot be Zenoh's configuration.
+fn is_harmless(line: &Metadata<'_>) -> bool {
+    !line.target().starts_with(CONFIGURATION) || *line.level() <= Level::INFO
 }
 
 fn directives(verbose: u8) -> &'static str {
@@ -149,13 +166,34 @@ impl Write for Writer {
 mod tests {
     use super::*;
 
+    /// What is written of one line of Zenoh's session and one of its transport, under these directives.
+    fn written(directives: &str, session: fn(), transport: fn()) -> [bool; 2] {
+        [session, transport].map(|say| {
+            let (lines, waiting) = sync_channel(8);
+            let writer = Writer { lines, left_out: Arc::default() };
+            let log = subscriber(EnvFilter::new(directives), LogFormat::Json, writer, false);
+            tracing::subscriber::with_default(log, say);
+            waiting.try_recv().is_ok()
+        })
+    }
+
     #[test]
-    fn every_level_keeps_zenohs_configuration_out() {
-        for verbose in 0..4 {
-            assert!(filter(verbose).to_string().contains(CONFIGURATION), "{verbose}");
+    fn no_directive_lets_zenohs_configuration_out_and_none_lets_out_more_than_was_asked_for() {
+        let debug = |directives| {
+            let session = || tracing::debug!(target: "zenoh::api::session", "password");
+            written(directives, session, || tracing::debug!(target: "zenoh::transport", "a link"))
+        };
+        for directives in ["trace", "debug", "info,zenoh=trace", "warn,zenoh=debug,zenoh::api::session=trace"] {
+            assert_eq!(debug(directives), [false, true], "{directives}");
         }
-        let asked = without_configuration(EnvFilter::new("debug,zenoh::api::session=trace")).to_string();
-        assert!(asked.contains(CONFIGURATION) && !asked.contains("session=trace"), "{asked}");
+        let info = |directives| {
+            let session = || tracing::info!(target: "zenoh::api::session", "closed");
+            written(directives, session, || tracing::info!(target: "zenoh::transport", "a link"))
+        };
+        for verbose in [0, 1] {
+            assert_eq!(info(directives(verbose)), [false, false], "{verbose}");
+        }
+        assert_eq!(info(directives(2)), [true, true]);
     }
 
     #[test]

@@ -3,7 +3,10 @@
 
 use std::fmt::Write;
 
+use domvs::log::{LogFormat, subscriber};
 use domvs_client::Secret;
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::util::SubscriberInitExt;
 
 use crate::support::{ErrorCode, Following, Lab, Question, Scene, alone, code, push, started};
 
@@ -48,8 +51,7 @@ fn forms(secret: &Secret) -> [String; 4] {
 #[ignore = "talks; the test above listens"]
 async fn everything_is_said() {
     let Some(known) = std::env::var_os(KNOWN) else { return };
-    let log = tracing_subscriber::fmt().with_env_filter(domvs::log::filter(3)).with_writer(std::io::stderr);
-    log.with_ansi(false).init();
+    subscriber(EnvFilter::from_default_env(), LogFormat::Text, std::io::stderr, false).init();
 
     let lab = Lab::open().await;
     let alice = lab.client("alice").await;
