@@ -23,8 +23,11 @@ const HEAD_START: Duration = Duration::from_millis(50);
 pub enum Rate {
     /// So many frames a second.
     Hz(f64),
-    /// The next frame when the last was answered.
-    AsAnswered,
+    /// The next frame when one was answered, with so many that wait for their answers.
+    AsAnswered {
+        /// From 1 on.
+        ahead: usize,
+    },
 }
 
 /// What became of one camera's frames.
@@ -103,7 +106,7 @@ pub fn drive(
             let phase = phase(index as u64);
             scope.spawn(move || match rate {
                 Rate::Hz(rate_hz) => camera.at_rate(begin, end, rate_hz, phase),
-                Rate::AsAnswered => camera.as_answered(begin, end),
+                Rate::AsAnswered { ahead } => camera.as_answered(begin, end, ahead),
             })
         };
         let cameras: Vec<_> = tasks.iter().enumerate().map(camera).collect();
@@ -154,16 +157,31 @@ impl Camera<'_> {
         });
     }
 
-    fn as_answered(&self, begin: Instant, end: Instant) -> Heard {
+    fn as_answered(&self, begin: Instant, end: Instant, ahead: usize) -> Heard {
         let mut heard = Heard::default();
         std::thread::sleep(begin.saturating_duration_since(Instant::now()));
-        while Instant::now() < end && !self.watch.is_stopped() {
-            let frame = self.frame(heard.sent);
-            let asked = Instant::now();
-            heard.sent += 1;
-            let answer = self.runtime.block_on(self.task.twist(&frame));
-            heard.answered(asked.elapsed(), answer);
+        if ahead == 1 {
+            // Without a task and a channel in between.
+            while Instant::now() < end && !self.watch.is_stopped() {
+                let frame = self.frame(heard.sent);
+                let asked = Instant::now();
+                heard.sent += 1;
+                let answer = self.runtime.block_on(self.task.twist(&frame));
+                heard.answered(asked.elapsed(), answer);
+            }
+            return heard;
         }
+        let (sender, answers) = channel::<Answer>();
+        while Instant::now() < end && !self.watch.is_stopped() {
+            while heard.sent - heard.heard() < ahead as u64 {
+                self.send(heard.sent, Instant::now(), sender.clone());
+                heard.sent += 1;
+            }
+            // Every question has a limit, so this ends.
+            answers.iter().take(1).for_each(|(time, answer)| heard.answered(time, answer));
+        }
+        drop(sender);
+        answers.iter().for_each(|(time, answer)| heard.answered(time, answer));
         heard
     }
 

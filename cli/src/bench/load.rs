@@ -39,8 +39,11 @@ const CLOSING: Duration = Duration::from_secs(5);
 pub enum Demand {
     /// So many frames a second from each task.
     Hz(f64),
-    /// The next frame of each task when its last was answered.
-    AsAnswered,
+    /// The next frame of each task when one was answered, with so many that wait for their answers.
+    AsAnswered {
+        /// From 1 on.
+        ahead: usize,
+    },
     /// So many times what the worker answers when asked as it answers.
     TimesCapacity(f64),
 }
@@ -53,8 +56,10 @@ pub struct LoadRow {
     pub common: Common,
     /// How many at once.
     pub tasks: usize,
-    /// Frames a second from each task; null when the next frame went out with the last answer.
+    /// Frames a second from each task; null when the next frame went out with an answer.
     pub rate_hz: Option<f64>,
+    /// Frames of each task that waited for their answers then; null at a rate.
+    pub ahead: Option<usize>,
     /// How long.
     pub seconds: f64,
     /// Frames that went out.
@@ -236,9 +241,9 @@ impl Measurement<'_> {
     fn rate(&self, crowd: &mut Crowd, frames: &[OutgoingFrame]) -> Rate {
         match self.demand {
             Demand::Hz(rate_hz) => Rate::Hz(rate_hz),
-            Demand::AsAnswered => Rate::AsAnswered,
+            Demand::AsAnswered { ahead } => Rate::AsAnswered { ahead },
             Demand::TimesCapacity(times) => {
-                let heard = self.drive(crowd, frames, Peer::Worker, Rate::AsAnswered, CAPACITY_S);
+                let heard = self.drive(crowd, frames, Peer::Worker, Rate::AsAnswered { ahead: 1 }, CAPACITY_S);
                 let answers: u64 = heard.iter().map(|heard| heard.servoing).sum();
                 // At least one frame a second, so that a worker that answers nothing is heard of.
                 Rate::Hz((times * answers as f64 / CAPACITY_S / self.tasks as f64).max(1.0))
@@ -293,10 +298,8 @@ impl Measurement<'_> {
         Ok(LoadRow {
             common,
             tasks: self.tasks,
-            rate_hz: match rate {
-                Rate::Hz(rate_hz) => Some(rate_hz),
-                Rate::AsAnswered => None,
-            },
+            rate_hz: if let Rate::Hz(rate_hz) = rate { Some(rate_hz) } else { None },
+            ahead: if let Rate::AsAnswered { ahead } = rate { Some(ahead) } else { None },
             seconds: self.seconds,
             sent: all.sent,
             servoing: all.servoing,

@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use anyhow::ensure;
 use clap::Args;
 
 use super::{at_least_one, finish};
@@ -28,9 +29,14 @@ pub struct LoadArgs {
     #[arg(long, value_name = "N", value_delimiter = ',', default_value = "20", value_parser = at_least_one)]
     tasks: Vec<usize>,
 
-    /// Frames a second from each task; 0: the next frame when the last was answered
+    /// Frames a second from each task; 0: the next frame when one was answered
     #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate, conflicts_with = "overload")]
     rate: f64,
+
+    /// With --rate 0: frames of each task that wait for their answers at any time. From 2 on the worker always has the next one, as
+    /// from a camera that waits for nobody
+    #[arg(long, value_name = "N", default_value = "1", value_parser = at_least_one)]
+    ahead: usize,
 
     /// X times as many frames as the worker answered when it was asked as fast as it answers
     #[arg(long, value_name = "X", value_parser = positive)]
@@ -51,7 +57,7 @@ const AFTER_HELP: &str = "\
 Without --size, --order and --depth: 640x480, order 8, constant depth. A worker that is started here takes 64 tasks, or what limits.tasks of \
 its --config says.
 
-The JSON objects have case (load), size, order, method, depth, tasks, rate_hz, seconds, sent, servoing (answers with a twist), \
+The JSON objects have case (load), size, order, method, depth, tasks, rate_hz, ahead, seconds, sent, servoing (answers with a twist), \
 overloaded, deadline_missed, other_status, unanswered, unsent, median_ms and p99_ms (of the answers with a twist, from when the frame was \
 due), frames_per_s (those answers), fairness (twists of the slowest task over those of the fastest), echo_median_ms, echo_p99_ms, \
 p99_over_echo, echo_beside_p99_ms (one camera that asks the echo while the worker has its load), p99_over_echo_beside, worker_cores (that it kept busy), worker_rss_mb (before, started, during, closed) and per_task.
@@ -68,9 +74,10 @@ fn rate(text: &str) -> Result<f64, String> {
 /// Measures.
 pub(super) fn run(args: &LoadArgs, paint: Paint, paint_errors: Paint) -> anyhow::Result<ExitCode> {
     let cases = args.cases.clone().or(&[8], &[DepthKind::Constant]).cases()?;
+    ensure!(args.ahead == 1 || args.rate == 0.0, "--ahead needs --rate 0: at a rate, frames go out when they are due");
     let demand = match (args.overload, args.rate) {
         (Some(times), _) => Demand::TimesCapacity(times),
-        (None, 0.0) => Demand::AsAnswered,
+        (None, 0.0) => Demand::AsAnswered { ahead: args.ahead },
         (None, rate_hz) => Demand::Hz(rate_hz),
     };
     let watch = Watch::start(cases.len() * args.tasks.len(), paint_errors)?;
