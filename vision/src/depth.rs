@@ -84,8 +84,9 @@ impl<T: Sample> DepthMap<T> {
     /// # Errors
     /// A fill that is not positive, or a median of nothing.
     pub fn from_metres(depth_m: &Plane<T>, fill: HoleFill) -> Result<DepthMap<T>, DepthError> {
-        let mut rows = depth_m.samples().chunks_exact(depth_m.width());
-        DepthMap::from_rows(depth_m.size(), fill, |row| copy_next(row, &mut rows))
+        let mut map = DepthMap::unknown_everywhere(depth_m.size());
+        map.set_metres(depth_m, fill)?;
+        Ok(map)
     }
 
     /// A map of `[width, height]` pixels from depths in metres, as [`DepthMap::set_rows`] takes them.
@@ -93,21 +94,25 @@ impl<T: Sample> DepthMap<T> {
     /// # Errors
     /// A fill that is not positive, or a median of nothing.
     pub fn from_rows(
-        [width, height]: [usize; 2],
+        size: [usize; 2],
         fill: HoleFill,
         metres: impl FnMut(&mut [T]),
     ) -> Result<DepthMap<T>, DepthError> {
+        let mut map = DepthMap::unknown_everywhere(size);
+        map.set_rows(fill, metres)?;
+        Ok(map)
+    }
+
+    fn unknown_everywhere([width, height]: [usize; 2]) -> DepthMap<T> {
         let inverse_per_m = Plane::filled(width, height, T::from_f64(1.0));
         let pixels = inverse_per_m.samples().len();
-        let mut map = DepthMap {
+        DepthMap {
             row_m: vec![T::ZERO; inverse_per_m.width()],
             inverse_per_m,
             holes: vec![true; pixels],
             unknown: pixels,
             selection: Vec::with_capacity(pixels),
-        };
-        map.set_rows(fill, metres)?;
-        Ok(map)
+        }
     }
 
     /// Refills the map in place, without allocating; on an error the depths stay as they were.
@@ -119,8 +124,7 @@ impl<T: Sample> DepthMap<T> {
         if expected != got {
             return Err(DepthError::SizeMismatch { expected, got });
         }
-        let mut rows = depth_m.samples().chunks_exact(depth_m.width());
-        self.set_rows(fill, |row| copy_next(row, &mut rows))
+        self.refill(fill, |_, inverse, holes, v| invert_row(depth_m.row(v), inverse, holes))
     }
 
     /// Refills the map in place, without allocating, from depths in metres that `metres` writes row by row, from the top.
@@ -129,6 +133,18 @@ impl<T: Sample> DepthMap<T> {
     /// # Errors
     /// A fill that is not positive, or a median of nothing.
     pub fn set_rows(&mut self, fill: HoleFill, mut metres: impl FnMut(&mut [T])) -> Result<(), DepthError> {
+        self.refill(fill, |row_m, inverse, holes, _| {
+            metres(row_m);
+            invert_row(row_m, inverse, holes)
+        })
+    }
+
+    /// Refills each row by `invert`, which has room for its depths, writes `ζ` and the holes of row `v`, and says how many there are.
+    fn refill(
+        &mut self,
+        fill: HoleFill,
+        mut invert: impl FnMut(&mut [T], &mut [T], &mut [bool], usize) -> usize,
+    ) -> Result<(), DepthError> {
         if let HoleFill::Constant(depth_m) = fill
             && !is_known(T::from_f64(depth_m))
         {
@@ -136,19 +152,16 @@ impl<T: Sample> DepthMap<T> {
         }
         let width = self.inverse_per_m.width();
         let rows = self.inverse_per_m.samples_mut().chunks_exact_mut(width).zip(self.holes.chunks_exact_mut(width));
-        // Each depth comes out the same on every path, so the widest one will do.
-        let path = Path::best();
         self.unknown = 0;
-        for (inverse, holes) in rows {
-            metres(&mut self.row_m);
-            self.unknown += dispatch!(path.level(), _ => invert(&self.row_m, inverse, holes));
+        for (v, (inverse, holes)) in rows.enumerate() {
+            self.unknown += invert(&mut self.row_m, inverse, holes, v);
         }
         if self.unknown > 0 {
             let fill_per_m = match fill {
                 HoleFill::Constant(depth_m) => T::from_f64(1.0 / depth_m),
                 HoleFill::Median => self.median_per_m()?,
             };
-            dispatch!(path.level(), _ => fill_holes(self.inverse_per_m.samples_mut(), &self.holes, fill_per_m));
+            dispatch!(Path::best().level(), _ => fill_holes(self.inverse_per_m.samples_mut(), &self.holes, fill_per_m));
         }
         Ok(())
     }
@@ -179,8 +192,9 @@ impl<T: Sample> DepthMap<T> {
     }
 }
 
-fn copy_next<'a, T: Copy + 'a>(row: &mut [T], rows: &mut impl Iterator<Item = &'a [T]>) {
-    row.copy_from_slice(rows.next().expect("a plane has as many rows as its map"));
+/// [`invert`] on the widest path: each depth comes out the same on every one.
+fn invert_row<T: Sample>(depth_m: &[T], inverse_per_m: &mut [T], holes: &mut [bool]) -> usize {
+    dispatch!(Path::best().level(), _ => invert(depth_m, inverse_per_m, holes))
 }
 
 /// `ζ = 1/Z` of a row where it is known; where it is not, `ζ` stays and there is a hole. Returns how many there are.

@@ -3,6 +3,7 @@
 //! Row-major; `u` runs right, `v` down, and indices come in that order. A gray image is nominally in `[0, 1]`,
 //! but nothing here clips or checks values: [`crate::Servo`] refuses what is not finite.
 
+use crate::aligned::Aligned;
 use crate::sample::Sample;
 
 /// A `width` x `height` plane of samples, row-major, index `(u right, v down)`.
@@ -10,7 +11,7 @@ use crate::sample::Sample;
 pub struct Plane<T> {
     width: usize,
     height: usize,
-    samples: Vec<T>,
+    samples: Aligned<T>,
 }
 
 /// Why a plane cannot be made.
@@ -52,20 +53,23 @@ impl<T: Sample> Plane<T> {
         if samples.len() != expected {
             return Err(ImageError::SampleCount { width, height, expected, got: samples.len() });
         }
-        Ok(Plane { width, height, samples })
+        Ok(Plane { width, height, samples: Aligned::copied(&samples) })
     }
 
     /// A plane of one value; a zero side becomes 1.
     pub fn filled(width: usize, height: usize, value: T) -> Plane<T> {
         let (width, height) = (width.max(1), height.max(1));
-        Plane { width, height, samples: vec![value; width * height] }
+        Plane { width, height, samples: Aligned::filled(width * height, value) }
     }
 
     /// A plane whose sample at `(u, v)` is `sample(u, v)`; a zero side becomes 1.
     pub fn from_fn(width: usize, height: usize, sample: impl Fn(usize, usize) -> T) -> Plane<T> {
-        let (width, height) = (width.max(1), height.max(1));
-        let samples = (0..width * height).map(|i| sample(i % width, i / width)).collect();
-        Plane { width, height, samples }
+        let mut plane = Plane::filled(width, height, T::ZERO);
+        let width = plane.width;
+        for (v, row) in plane.samples_mut().chunks_exact_mut(width).enumerate() {
+            row.iter_mut().enumerate().for_each(|(u, at)| *at = sample(u, v));
+        }
+        plane
     }
 
     /// Columns.
@@ -80,12 +84,12 @@ impl<T: Sample> Plane<T> {
 
     /// All samples, row-major.
     pub fn samples(&self) -> &[T] {
-        &self.samples
+        self.samples.as_slice()
     }
 
     /// All samples, row-major, to write in place.
     pub fn samples_mut(&mut self) -> &mut [T] {
-        &mut self.samples
+        self.samples.as_mut_slice()
     }
 
     /// The sample in column `u` of row `v`; panics outside the plane.
@@ -95,7 +99,7 @@ impl<T: Sample> Plane<T> {
 
     /// Row `v`, `width` samples; panics outside the plane.
     pub fn row(&self, v: usize) -> &[T] {
-        &self.samples[v * self.width..][..self.width]
+        &self.samples()[v * self.width..][..self.width]
     }
 
     /// `[width, height]`, as errors report it.

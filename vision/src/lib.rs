@@ -31,6 +31,8 @@ mod peak;
 
 mod sample;
 
+mod aligned;
+
 mod row;
 
 mod image;
