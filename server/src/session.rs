@@ -1,4 +1,5 @@
-//! The one thing that a worker asks of its Zenoh session: no answer waits for a client that does not read.
+//! What a worker asks of its Zenoh session: no answer waits for a client that does not read, and no message is put together that is larger
+//! than any it takes.
 //!
 //! A reply goes out as its query came in, and queries come in with congestion control Block: towards a client that has stopped
 //! reading, Zenoh would hold the thread, and the router's with it, for up to five seconds, and everybody's answers behind it. So the
@@ -19,10 +20,18 @@ const WAIT: &str = "transport/link/tx/queue/congestion_control/drop/wait_before_
 const TWISTS: u64 = 16;
 const TWIST_QUEUE: &str = "transport/link/tx/queue/size/real_time";
 
-/// Adds the rule to a configuration, unless it is there, and room and time for answers, unless it has more.
+/// The largest message that is put together from its pieces, whoever sends them: Zenoh's own gigabyte would be taken before anything is looked at.
+const LARGEST: &str = "transport/link/rx/max_message_size";
+/// What a message has besides its payload: attachment, key, Encoding.
+const BESIDE_PAYLOAD: u64 = 1 << 20;
+/// Not less than this, as in the files of `deploy/zenoh`: who sends a little too much is told so by the worker, in words.
+const LEAST_LARGEST: u64 = 65 << 20;
+
+/// Adds the rule to a configuration, unless it is there, and room and time for answers, unless it has more; bounds messages by the largest
+/// payload that the worker takes, unless they are bounded more tightly.
 ///
 /// Fails with Zenoh's sentence when `qos/network` is not what Zenoh takes.
-pub fn prepared(mut config: Config) -> zenoh::Result<Config> {
+pub fn prepared(mut config: Config, bytes_per_payload: usize) -> zenoh::Result<Config> {
     let there = config.get_json("qos/network")?;
     let mut rules: Vec<Value> = serde_json::from_str(&there)?;
     if !rules.iter().any(|rule| rule["id"] == RULE) {
@@ -40,6 +49,10 @@ pub fn prepared(mut config: Config) -> zenoh::Result<Config> {
             config.insert_json5(entry, &least.to_string())?;
         }
     }
+    let most = (bytes_per_payload as u64).saturating_add(BESIDE_PAYLOAD).max(LEAST_LARGEST);
+    if serde_json::from_str::<u64>(&config.get_json(LARGEST)?)? > most {
+        config.insert_json5(LARGEST, &most.to_string())?;
+    }
     Ok(config)
 }
 
@@ -56,13 +69,16 @@ mod tests {
         let mut config = Config::default();
         let other = r#"[{ id: "mine", messages: ["put"], overwrite: { priority: "data" } }]"#;
         config.insert_json5("qos/network", other).expect("a rule");
-        let once = prepared(config).expect("valid");
+        let once = prepared(config, 100 << 20).expect("valid");
         let ids: Vec<_> = rules(&once).iter().map(|rule| rule["id"].clone()).collect();
         assert_eq!(ids, ["mine", RULE]);
-        let twice = prepared(once.clone()).expect("valid");
+        let twice = prepared(once.clone(), 200 << 20).expect("valid");
         assert_eq!(rules(&twice), rules(&once));
         assert_eq!(rules(&once)[1]["overwrite"]["congestion_control"], "drop");
         assert_eq!(once.get_json(WAIT).expect("it is there"), WAIT_US.to_string());
+        for bounded in [&once, &twice] {
+            assert_eq!(bounded.get_json(LARGEST).expect("it is there"), (101_u64 << 20).to_string());
+        }
         assert_eq!(once.get_json(TWIST_QUEUE).expect("it is there"), TWISTS.to_string());
     }
 }

@@ -126,7 +126,7 @@ async fn serve(args: &ServeArgs, config: ServerConfig, paint: Paint) -> anyhow::
     }
     // A configuration may make Zenoh wait for its router for ever.
     let session = tokio::select! {
-        session = zenoh::open(session_config(args)?) => session,
+        session = zenoh::open(session_config(args, config.limits.bytes_per_payload)?) => session,
         () = signals.first() => {
             print_line("ended by a signal before the router was found")?;
             return Ok(exit::done());
@@ -180,7 +180,7 @@ fn server_config(args: &ServeArgs) -> anyhow::Result<ServerConfig> {
     Ok(config.checked()?)
 }
 
-fn session_config(args: &ServeArgs) -> anyhow::Result<zenoh::Config> {
+fn session_config(args: &ServeArgs, bytes_per_payload: usize) -> anyhow::Result<zenoh::Config> {
     let config = if args.zenoh_config.is_some() || !args.endpoints.is_empty() {
         zenoh_config(args.zenoh_config.as_deref(), &args.endpoints)?
     } else if args.listen.is_empty() {
@@ -188,7 +188,7 @@ fn session_config(args: &ServeArgs) -> anyhow::Result<zenoh::Config> {
     } else {
         router_config(&args.listen)?
     };
-    domvs_server::session::prepared(config).map_err(anyhow::Error::from_boxed)
+    domvs_server::session::prepared(config, bytes_per_payload).map_err(anyhow::Error::from_boxed)
 }
 
 fn place(args: &ServeArgs) -> String {

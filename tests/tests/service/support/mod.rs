@@ -18,6 +18,7 @@ pub use domvs_proto::messages::ErrorCode;
 pub use domvs_proto::settings::TaskSettings;
 pub use domvs_proto::status::Status;
 pub use domvs_proto::twist::TwistMessage;
+use domvs_server::session::prepared;
 use domvs_server::{ServerConfig, Service};
 use zenoh::{Config, Session};
 
@@ -54,7 +55,8 @@ impl Stage {
     /// A worker with this configuration, but for its name.
     pub async fn with(config: ServerConfig) -> Stage {
         let (router, endpoint) = router().await;
-        let joined = domvs_server::session::prepared(client_config(&endpoint)).expect("a fine configuration");
+        let joined = prepared(client_config(&endpoint), config.limits.bytes_per_payload);
+        let joined = joined.expect("a fine configuration");
         let session = zenoh::open(joined).await.expect("the router is there");
         let config = ServerConfig { worker: WORKER.into(), ..config }.checked().expect("a fine configuration");
         let service = Service::start(config, session.clone()).await.expect("the worker starts");
