@@ -8,10 +8,11 @@ use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
 use domvs_proto::body;
-use domvs_proto::keys::TaskKey;
-use domvs_proto::messages::{ErrorCode, ErrorReply};
+use domvs_proto::keys::{Leaf, TaskKey};
+use domvs_proto::messages::{ControlReply, ErrorCode, ErrorReply};
 use domvs_proto::status::Status;
 use flume::RecvTimeoutError;
+use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
 use crate::Moment;
@@ -21,8 +22,9 @@ use crate::worker::Shared;
 
 /// Answers that may wait for one clerk; more are dropped and counted, and their clients see an empty answer.
 const WAITING: usize = 256;
-/// Questions for unknown tasks that may be held; more are dropped and counted.
+/// Questions for unknown tasks that may be held, and the bytes of all their payloads; more are dropped and counted.
 const HELD: usize = 64;
+const HELD_BYTES: usize = 16 << 20;
 /// How long the news of a task's owner may take: the answer to `create` may be faster than they are.
 const NEWS: Duration = Duration::from_millis(200);
 /// How long a worker that has just joined may take to hear of the others.
@@ -39,6 +41,8 @@ pub(crate) enum Note {
     Unclaimed(Query),
     /// An order that nobody will obey.
     Refused(Query, ErrorReply),
+    /// A stop that was obeyed without waiting its turn.
+    Stopped(Arc<Desk>, Query),
     /// A frame that nobody will look at.
     TwistRefused(Arc<Desk>, Query, Status),
 }
@@ -122,6 +126,10 @@ fn work(shared: &Weak<Shared>, tray: &flume::Receiver<Note>) {
             }
             Ok(Note::Unclaimed(query)) => hold(&shared, &mut held, query),
             Ok(Note::Refused(query, error)) => shared.refuse(&query, &error),
+            Ok(Note::Stopped(desk, query)) => {
+                let key = shared.keys.task(&desk.key, Leaf::Control);
+                reply_json(&query, key, &body::write(&ControlReply { status: Status::Stopped }));
+            }
             Ok(Note::TwistRefused(desk, query, status)) => desk.refuse_twist(&query, status),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
@@ -151,7 +159,8 @@ fn hold(shared: &Shared, held: &mut VecDeque<Held>, query: Query) {
     if !shared.inbox.has_others() && shared.now() > JOINING {
         return answer_unknown(shared, &query, &task);
     }
-    if held.len() >= HELD {
+    let bytes = |query: &Query| query.payload().map_or(0, ZBytes::len);
+    if held.len() >= HELD || bytes(&query) + held.iter().map(|held| bytes(&held.query)).sum::<usize>() > HELD_BYTES {
         return shared.dropped_note("a question for an unknown task");
     }
     held.push_back(Held { query, task, until: Instant::now() + NEWS });

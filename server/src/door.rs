@@ -6,26 +6,29 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use domvs_proto::frame::{FLAG_SECRET, FrameError, HEADER_BYTES, Secret};
-use domvs_proto::messages::{ErrorCode, ErrorReply};
+use domvs_proto::body::MAX_JSON_BYTES;
+use domvs_proto::frame::{FLAG_SECRET, FrameError, HEADER_AND_SECRET_BYTES, HEADER_BYTES, Secret};
+use domvs_proto::messages::{Control, ErrorCode, ErrorReply};
 use domvs_proto::status::Status;
 use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 use zenoh::sample::Sample;
 
 use crate::Moment;
+use crate::answers::read_json;
 use crate::clerk::{Asker, Note};
 use crate::desk::{Desk, Order, PushedFrame, TwistRequest, Waiting, lock};
 use crate::metrics::{Asked, Dropped};
 use crate::orders::attached_secret;
 use crate::payload::header_of;
 use crate::task::Route;
-use crate::tenants::Doing;
+use crate::tenants::{Doing, Held};
 
 /// A control word is a few bytes; whatever is longer is no stop.
 const LONGEST_STOP: usize = 256;
 
-/// A stop must find room: only the owner's words are let in, they have a queue of their own, and no rate holds a stop back.
+/// A stop is always let in: only the owner's words are, they have a queue of their own, no rate holds a stop back, and where others fill
+/// the queue it is not queued, but halts the task as a stop for all does.
 pub(crate) fn control(desk: &Arc<Desk>, query: Query) {
     desk.shared.metrics.asked(Asked::Control);
     let received = desk.shared.now();
@@ -34,7 +37,7 @@ pub(crate) fn control(desk: &Arc<Desk>, query: Query) {
     }
     match desk.tenant.may(Doing::Control, received) {
         Err(error) if !is_stop(&query) => refuse(desk, Asker::Owner, query, ErrorReply::new(ErrorCode::Quota, error)),
-        _ => enqueue(desk, Order::Control(query, received), 0),
+        _ => enqueue(desk, Order::Control(query, received)),
     }
 }
 
@@ -63,7 +66,7 @@ pub(crate) fn state(desk: &Arc<Desk>, query: Query) {
         let error = "the state of this task is asked for too often; ask again";
         return refuse(desk, Asker::Stranger, query, ErrorReply::new(ErrorCode::Quota, error));
     }
-    enqueue(desk, Order::State(query), 0);
+    enqueue(desk, Order::State(query));
 }
 
 pub(crate) fn request_twist(desk: &Arc<Desk>, query: Query) {
@@ -85,7 +88,7 @@ pub(crate) fn request_twist(desk: &Arc<Desk>, query: Query) {
     if size > shared.config.limits.bytes_per_payload {
         return refuse_twist(desk, Asker::Owner, query, Status::BadFrame);
     }
-    let held = desk.tenant.may(Doing::Frame, received).and_then(|()| desk.tenant.hold_message(size));
+    let held = hold_frame(desk, received, size + query.attachment().map_or(0, ZBytes::len));
     let Ok(held) = held else {
         return refuse_twist(desk, Asker::Owner, query, Status::Overloaded);
     };
@@ -103,7 +106,7 @@ pub(crate) fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
         lock(&desk.board).dropped().not_owner += 1;
         return;
     }
-    let held = desk.tenant.may(Doing::Frame, received).and_then(|()| desk.tenant.hold_message(size));
+    let held = hold_frame(desk, received, size + sample.attachment().map_or(0, ZBytes::len));
     let Ok(held) = held else {
         metrics.dropped(Dropped::Quota);
         let mut board = lock(&desk.board);
@@ -126,6 +129,12 @@ pub(crate) fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
     desk.shared.pool.schedule(desk);
 }
 
+/// Room for a frame of so many bytes in the client's account, within its rate.
+fn hold_frame(desk: &Desk, received: Moment, bytes: usize) -> Result<Held, String> {
+    desk.tenant.may(Doing::Frame, received)?;
+    desk.tenant.hold_message(bytes)
+}
+
 /// What an attachment says of its sender.
 enum OfFrame {
     /// It is a header; the secret in it, if there is one.
@@ -140,7 +149,8 @@ fn secret_of_frame(attachment: Option<&ZBytes>) -> OfFrame {
     match header_of(attachment) {
         Ok(header) => Shown(header.secret),
         Err(_) => {
-            let bytes = attachment.map(ZBytes::to_bytes).unwrap_or_default();
+            let short = attachment.filter(|attachment| attachment.len() <= HEADER_AND_SECRET_BYTES);
+            let bytes = short.map(ZBytes::to_bytes).unwrap_or_default();
             let flagged = bytes.get(3).is_some_and(|flags| flags & FLAG_SECRET != 0);
             let secret = bytes.get(HEADER_BYTES..).and_then(|bytes| Secret::try_from(bytes).ok());
             secret.filter(|_| flagged).map_or(Unreadable, |secret| Shown(Some(secret)))
@@ -175,11 +185,15 @@ fn order(desk: &Arc<Desk>, order: Order) {
     if let Err(error) = desk.tenant.may(Doing::Order, received) {
         return refuse(desk, Asker::Owner, order.into_query(), ErrorReply::new(ErrorCode::Quota, error));
     }
-    let size = order.query().payload().map_or(0, ZBytes::len);
-    enqueue(desk, order, size);
+    enqueue(desk, order);
 }
 
-fn enqueue(desk: &Arc<Desk>, order: Order, bytes: usize) {
+fn enqueue(desk: &Arc<Desk>, order: Order) {
+    let bytes = order.query().payload().map_or(0, ZBytes::len);
+    if bytes > MAX_JSON_BYTES && !matches!(order, Order::Target(..)) {
+        let error = format!("a body may have {MAX_JSON_BYTES} bytes, got {bytes}");
+        return refuse(desk, Asker::Owner, order.into_query(), ErrorReply::new(ErrorCode::TooLarge, error));
+    }
     // What is small and has a queue of its own takes nothing of the account, so that a full account holds back no stop.
     let held = match order {
         Order::Control(..) | Order::State(_) => desk.tenant.hold_bytes(0),
@@ -199,6 +213,11 @@ fn enqueue(desk: &Arc<Desk>, order: Order, bytes: usize) {
     };
     match pushed {
         Ok(()) => desk.shared.pool.schedule(desk),
+        Err(Waiting { message: Order::Control(query, _), .. }) if is_stop(&query) && reads_as_stop(&query) => {
+            desk.request_halt(Status::Stopped);
+            desk.shared.pool.schedule(desk);
+            desk.shared.note(Asker::Owner, Note::Stopped(Arc::clone(desk), query));
+        }
         Err(full) => {
             let depth = desk.shared.config.mailbox_depth;
             let error = format!("{depth} requests of this kind may wait for a task, and do; ask again");
@@ -213,6 +232,10 @@ fn is_stop(query: &Query) -> bool {
         .payload()
         .filter(|payload| payload.len() <= LONGEST_STOP)
         .is_some_and(|payload| payload.to_bytes().windows(4).any(|word| word == b"stop"))
+}
+
+fn reads_as_stop(query: &Query) -> bool {
+    matches!(read_json(query), Ok(Control::Stop))
 }
 
 fn refuse(desk: &Desk, asker: Asker, query: Query, error: ErrorReply) {

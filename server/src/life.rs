@@ -131,7 +131,8 @@ impl Life {
                 self.latch(Status::Stopped);
                 Ok(false)
             }
-            _ if !self.has_target => Err(Status::WaitingTarget),
+            (Control::Start, _) if !self.has_target => Err(Status::WaitingTarget),
+            _ if !self.has_target => Err(self.status()),
             (Control::Start, _) => {
                 self.reset();
                 self.phase = Phase::Running;

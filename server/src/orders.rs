@@ -263,6 +263,7 @@ impl Desk {
 }
 
 pub(crate) fn attached_secret(query: &Query) -> Option<Secret> {
-    let bytes = query.attachment()?.to_bytes();
+    // Whatever is longer is not put together.
+    let bytes = query.attachment().filter(|attachment| attachment.len() == Secret::BYTES)?.to_bytes();
     <[u8; Secret::BYTES]>::try_from(&*bytes).ok().map(Secret::new)
 }

@@ -236,7 +236,7 @@ impl Task {
                 self.detail = None;
                 Ok(self.life.status())
             }
-            Err(Status::WaitingTarget) => {
+            Err(Status::WaitingTarget) if control == Control::Start => {
                 Err(ErrorReply::new(ErrorCode::NoTarget, "set a target before the task can start"))
             }
             Err(status) => Ok(status),

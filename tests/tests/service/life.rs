@@ -8,8 +8,8 @@ use zenoh::qos::CongestionControl;
 use zenoh::sample::SampleKind;
 
 use crate::support::{
-    Client, Following, LIMIT, Question, Scene, Stage, Status, TaskSettings, TwistMessage, ZEROS, becomes_unknown,
-    in_time, next_status, push, started,
+    Answer, Client, ErrorCode, Following, LIMIT, Question, Scene, Stage, Status, TaskSettings, TwistMessage, ZEROS,
+    becomes_unknown, in_time, next_status, push, refusal, started,
 };
 
 #[tokio::test(flavor = "multi_thread")]
@@ -301,4 +301,48 @@ async fn tokens(client: &Client, key: &str) -> flume::Receiver<Token> {
         .await
         .expect("a fine key");
     tokens
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_is_let_in_where_other_words_fill_the_queue() {
+    let stage = Stage::with(ServerConfig { mailbox_depth: 1, threads: 1, ..ServerConfig::default() }).await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::new("coffee", [640, 480], [0.0; 6]);
+    let task = started(&client, &scene.settings(), &scene.target()).await;
+    let secret = task.secret().expect("told once").as_bytes().to_vec();
+    let word = |word: &str| {
+        Question::on(stage.keys.control(task.key())).with(format!(r#"{{"do": "{word}"}}"#)).attached(&*secret)
+    };
+    let mut refused = 0;
+    for sequence in 1..=30 {
+        let frame = scene.frame(sequence);
+        // While the one thread computes, one word waits and no more.
+        let (pause, resume, stop) = (word("pause"), word("resume"), word("stop"));
+        let session = client.session();
+        let (_, paused, resumed, stopped) =
+            tokio::join!(task.twist(&frame), pause.ask(session), resume.ask(session), stop.ask(session));
+        refused += [paused, resumed]
+            .iter()
+            .filter(|answer| matches!(answer, Answer::Refused(error) if error.code == ErrorCode::Quota))
+            .count();
+        assert_eq!(stopped.json()["status"], "stopped", "{sequence}");
+        in_time("it is stopped", async {
+            while task.twist(&scene.frame(100 + sequence)).await.expect("answered").status != Status::Stopped {}
+        })
+        .await;
+        task.start().await.expect("obeyed");
+    }
+    println!("{refused} other words found no room");
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn without_a_target_start_alone_is_an_error() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let task = client.create_task(&Scene::small("coffee").settings()).await.expect("created");
+    assert_eq!(task.pause().await.expect("it changes nothing"), Status::WaitingTarget);
+    assert_eq!(task.resume().await.expect("it changes nothing"), Status::WaitingTarget);
+    assert_eq!(refusal(task.start().await).0, ErrorCode::NoTarget);
+    stage.close().await;
 }
