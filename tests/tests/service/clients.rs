@@ -188,6 +188,23 @@ async fn what_does_not_exist_and_what_is_no_name_are_told_apart() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_task_is_not_reached_under_another_clients_name() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let task = client.create_task(&Scene::small("coffee").settings()).await.expect("created");
+    let secret = task.secret().expect("told once").as_bytes().to_vec();
+    let question = |key: String| Question::on(key).attached(secret.as_slice());
+    let id = &task.key().id;
+    for leaf in ["settings", "control", "state"] {
+        let unknown = question(format!("domvs/task/bob/{id}/{leaf}")).ask(client.session()).await;
+        assert_eq!(code(unknown), ErrorCode::UnknownTask, "{leaf}");
+    }
+    assert!(question("domvs/task/bob/*/settings".into()).ask_all(client.session()).await.is_empty());
+    assert_eq!(question("domvs/task/*/*/settings".into()).ask_all(client.session()).await.len(), 1);
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn quotas_hold_for_one_client_and_for_the_worker_and_closing_makes_room() {
     let limits = Limits { tasks: 3, tasks_per_client: 2, ..Limits::default() };
     let stage = Stage::with(ServerConfig { limits, ..ServerConfig::default() }).await;
