@@ -129,13 +129,19 @@ impl TwistMessage {
         self.status == Status::Servoing
     }
 
-    /// The message as bytes. What `decode` would refuse is sent as zeros with `internal`: a wrong twist never leaves. Zeros have no sign.
+    /// The message as it leaves. What `decode` would refuse is sent as zeros with `internal`: a wrong twist never leaves. Zeros have no
+    /// sign, and no flag: nothing was done to them.
+    fn sent(&self) -> TwistMessage {
+        let status = if self.check().is_ok() { self.status } else { Status::Internal };
+        if status == Status::Servoing {
+            return *self;
+        }
+        TwistMessage { status, flags: TwistFlags::default(), twist: [0.0; 6], ..*self }
+    }
+
+    /// The message as bytes. What `decode` would refuse is sent as zeros with `internal`, and zeros have neither sign nor flag.
     pub fn encode(&self) -> [u8; TWIST_BYTES] {
-        let sent = match self.check() {
-            Ok(()) if self.is_servoing() => *self,
-            Ok(()) => TwistMessage { twist: [0.0; 6], ..*self },
-            Err(_) => TwistMessage { status: Status::Internal, twist: [0.0; 6], ..*self },
-        };
+        let sent = self.sent();
         let mut out = Writer { bytes: [0; TWIST_BYTES], at: 0 };
         out.put([WIRE_VERSION, sent.status.code()]);
         for half in [sent.flags.to_bits(), sent.order, sent.features] {

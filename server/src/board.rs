@@ -26,6 +26,17 @@ pub struct Board {
     /// As the task stood after its last piece of work.
     progress: Option<Progress>,
     progress_published: Moment,
+    /// How often the whole state has been published.
+    revision: u64,
+}
+
+/// How far a task is, and the revision of the state that this belongs to: taken together, so that what comes late is known to be old.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct News {
+    /// Of the state published last when this was so.
+    pub revision: u64,
+    /// How far the task was then.
+    pub progress: Progress,
 }
 
 impl Board {
@@ -40,6 +51,7 @@ impl Board {
             last_frame: born,
             progress: None,
             progress_published: born,
+            revision: 0,
         }
     }
 
@@ -49,11 +61,25 @@ impl Board {
         (self.message.frames_in, self.message.frames_dropped) = (progress.frames_in, progress.frames_dropped);
     }
 
-    /// Notes how far the task is now. Returns the progress that standbys must hear at once: where it stands has changed.
-    pub fn advanced(&mut self, progress: Progress) -> Option<Progress> {
+    /// Notes how far the task is now. Returns what standbys must hear at once: where it stands has changed.
+    pub fn advanced(&mut self, progress: Progress) -> Option<News> {
         let before = self.progress.replace(progress);
         let changed = before.is_some_and(|before| before.phase != progress.phase);
-        changed.then(|| self.progress()).flatten()
+        changed.then(|| self.news()).flatten()
+    }
+
+    /// How often the whole state has been published.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// The whole state is about to be published: what was said before belongs to an older one.
+    pub fn revise(&mut self) {
+        self.revision += 1;
+    }
+
+    fn news(&self) -> Option<News> {
+        Some(News { revision: self.revision, progress: self.progress()? })
     }
 
     /// How far the task is, frames counted; `None` before it has done anything.
@@ -63,12 +89,12 @@ impl Board {
     }
 
     /// How far the task is, if it is time to tell the standbys again.
-    pub fn progress_due(&mut self, now: Moment) -> Option<Progress> {
+    pub fn news_due(&mut self, now: Moment) -> Option<News> {
         if now.saturating_sub(self.progress_published) < PROGRESS_PERIOD {
             return None;
         }
         self.progress_published = now;
-        self.progress()
+        self.news()
     }
 
     /// What the task said last.
@@ -177,6 +203,8 @@ fn finite(number: f64) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use domvs_proto::messages::Phase;
+
     use super::*;
 
     fn board() -> Board {
@@ -199,6 +227,34 @@ mod tests {
             })
             .collect();
         assert_eq!(published, [0, 500, 700]);
+    }
+
+    #[test]
+    fn news_belong_to_the_state_that_was_published_before_them() {
+        let mut board = board();
+        let at = |phase| Progress { phase, ..progress() };
+        board.revise();
+        assert_eq!(board.advanced(at(Phase::Running)), None, "the state itself says it");
+        let running = board.news_due(ms(1000)).expect("after a second");
+        // The clock has taken it and not published it yet when a stop comes.
+        board.revise();
+        let stopped = board.advanced(at(Phase::Latched(Status::Stopped))).expect("at once");
+        assert_eq!((running.progress.phase, stopped.progress.phase), (Phase::Running, Phase::Latched(Status::Stopped)));
+        assert!(running.revision < stopped.revision && stopped.revision == board.revision());
+    }
+
+    fn progress() -> Progress {
+        Progress {
+            status: Status::Servoing,
+            phase: Phase::Running,
+            twists: 1,
+            held_frames: 0,
+            sequence: 1,
+            initial_pixel_mse: None,
+            initial_order_mse: None,
+            frames_in: 1,
+            frames_dropped: FramesDropped::default(),
+        }
     }
 
     #[test]

@@ -15,11 +15,10 @@ use crate::Moment;
 use crate::clerk::{Asker, Note};
 use crate::desk::{Desk, lock};
 use crate::metrics::{Dropped, Event};
+use crate::pause::{Clocks, Pause, TICK};
 use crate::registrar::Job;
 use crate::worker::Shared;
 
-/// Between two looks: how late a zero may come after the watchdog has run out.
-const TICK: Duration = Duration::from_millis(5);
 /// A task without a frame for this long is not said to be servoing any more, even if it only answers requests.
 const QUIET: Duration = Duration::from_secs(2);
 /// A client whose token has not arrived this long after its task was created, or given this token, counts as gone.
@@ -27,7 +26,7 @@ const TOKEN_GRACE: Duration = Duration::from_secs(2);
 
 /// Looks after every task until `closing` is dropped.
 pub(crate) fn run(shared: &Arc<Shared>, closing: &Receiver<()>) {
-    let mut clocks = Clocks { monotonic: shared.now(), wall: SystemTime::now() };
+    let mut clocks = Clocks::new(shared.now(), SystemTime::now());
     let mut load = LoadMeter::default();
     while closing.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout) {
         let now = shared.now();
@@ -37,33 +36,6 @@ pub(crate) fn run(shared: &Arc<Shared>, closing: &Receiver<()>) {
         for desk in shared.desks() {
             look_after(&desk, pause, now);
         }
-    }
-}
-
-/// What both clocks said at the last look.
-struct Clocks {
-    monotonic: Moment,
-    wall: SystemTime,
-}
-
-/// What lies between two looks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Pause {
-    length: Duration,
-    /// It began after this. Zero where the machine slept: nothing that was compared with the worker's clock before holds after it.
-    since: Moment,
-}
-
-impl Clocks {
-    /// What has passed since the last look, by the clock that says more: the monotonic one stands still while the machine sleeps.
-    /// A wall clock that is set ahead looks the same and costs as little.
-    fn look(&mut self, now: Moment, wall: SystemTime) -> Pause {
-        let monotonic = now.saturating_sub(self.monotonic);
-        let by_wall = wall.duration_since(self.wall).unwrap_or_default();
-        let slept = by_wall > 2 * monotonic + TICK;
-        let since = if slept { Moment::ZERO } else { self.monotonic };
-        *self = Clocks { monotonic: now, wall };
-        Pause { length: monotonic.max(by_wall), since }
     }
 }
 
@@ -94,10 +66,10 @@ fn look_after(desk: &Arc<Desk>, pause: Pause, now: Moment) {
         let error = desk.shared.states.as_ref().and_then(|states| states.error());
         message.detail = error.map(|error| format!("the task is not saved for a restart: {error}"));
     }
-    let progress = board.progress_due(now);
+    let news = board.news_due(now);
     drop(board);
-    if let Some(progress) = progress {
-        desk.publish_progress(progress);
+    if let Some(news) = news {
+        desk.publish_progress(news);
     }
     if let Some(message) = message {
         let json = body::write(&message);
@@ -155,12 +127,9 @@ fn watch_client(desk: &Arc<Desk>, now: Moment) -> bool {
 
 /// A process that was stopped, or starved, finds old frames in its queues. They tell nothing about now.
 fn throw_away_after_pause(desk: &Arc<Desk>, pause: Pause, now: Moment) {
-    let mut outlet = lock(&desk.outlet);
-    if pause.length <= outlet.governor_mut().watchdog() {
+    if !lock(&desk.outlet).wake(pause, now) {
         return;
     }
-    outlet.doubt(pause.since, now);
-    drop(outlet);
     desk.shared.metrics.happened(Event::StoodStill);
     let (task, pause_ms) = (&desk.key, pause.length.as_millis());
     tracing::warn!(%task, client = %task.client, pause_ms, "the worker stood still; what waited is thrown away");
@@ -193,21 +162,5 @@ impl LoadMeter {
         shared.say_left_out(now);
         shared.set_load(busy.saturating_sub(self.busy).as_secs_f64() / capacity);
         (self.since, self.busy) = (now, busy);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_pause_shows_by_the_clock_that_says_more() {
-        let (ms, wall) = (Duration::from_millis, SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000));
-        let mut clocks = Clocks { monotonic: ms(100), wall };
-        let mut look = |monotonic, since_start| clocks.look(ms(monotonic), wall + ms(since_start));
-        assert_eq!(look(105, 5), Pause { length: ms(5), since: ms(100) });
-        assert_eq!(look(5105, 5005), Pause { length: ms(5000), since: ms(105) }, "the process was stopped");
-        assert_eq!(look(5110, 65_005), Pause { length: ms(60_000), since: ms(0) }, "the machine slept");
-        assert_eq!(look(5115, 0), Pause { length: ms(5), since: ms(5110) }, "the wall clock was set back");
     }
 }

@@ -117,8 +117,6 @@ pub(crate) struct Desk {
     pub(crate) halt_asked: Mutex<Moment>,
     /// The client, or nobody's using it, asked for the end.
     pub(crate) closing: AtomicBool,
-    /// How often the whole state has been published.
-    pub(crate) revision: AtomicU64,
     /// A newer owner has it.
     pub(crate) superseded: AtomicBool,
     /// This worker ends its session; another goes on.

@@ -50,7 +50,7 @@ impl Desk {
         };
         let mut answer = self.compute(&mut lock(&self.task), &frame);
         if answer.is_servoing() {
-            let halted = *lock(&self.halt);
+            let halted = self.waiting_halt();
             answer = recheck(answer, &lock(&self.outlet), &frame, halted, self.shared.now());
             lock(&self.task).told(Twist::from_array(answer.twist));
             if !answer.is_servoing() {
@@ -78,7 +78,8 @@ impl Desk {
             None => self.compute(&mut task, &frame),
             Some(error) => self.refuse_frame(&task, &header, error),
         };
-        let sent = send_answer(&mut task, &mut lock(&self.outlet), &frame, answer, self.shared.now());
+        let halted = self.waiting_halt();
+        let sent = send_answer(&mut task, &mut lock(&self.outlet), &frame, answer, halted, self.shared.now());
         drop(task);
         if sent.status != answer.status {
             lock(&self.board).overruled(&sent);
@@ -88,6 +89,11 @@ impl Desk {
             self.took(&frame, &sent);
         }
         self.record(&frame, Some(&pushed.payload), Leaf::Command, &sent);
+    }
+
+    /// What was heard of while a frame was computed, and is latched before the next one: looked at before the outlet, as everywhere.
+    fn waiting_halt(&self) -> Option<Status> {
+        *lock(&self.halt)
     }
 
     /// A pushed frame needs no secret unless the settings ask for it, but one that names another's is meant for another task.
@@ -134,10 +140,10 @@ impl Desk {
         let mut board = lock(&self.board);
         board.answered(&answer, task.iterations(), task.detail());
         board.estimated(task.estimates());
-        let advanced = board.advanced(task.progress(answer.status));
+        let news = board.advanced(task.progress(answer.status));
         drop(board);
-        if let Some(progress) = advanced {
-            self.publish_progress(progress);
+        if let Some(news) = news {
+            self.publish_progress(news);
             self.keep(task);
         }
         answer

@@ -43,22 +43,31 @@ impl WatchedLease {
 }
 
 impl Desk {
-    /// Watches the token of `lease` from now on, and no other.
+    /// Watches the token of `lease` from now on, and no other. Fails before anything changes.
     pub(crate) fn watch_lease(&self, lease: &Lease) -> zenoh::Result<()> {
+        self.hang_on(self.lease_of(lease)?);
+        Ok(())
+    }
+
+    /// The token of `lease`, watched already; the task does not hang on it yet.
+    pub(crate) fn lease_of(&self, lease: &Lease) -> zenoh::Result<WatchedLease> {
         let keys = &self.shared.keys;
         let key = match lease {
             Lease::None => None,
             Lease::Client => Some(keys.client_alive(&self.key.client)),
             Lease::Process(process) => Some(keys.process_alive(&self.key.client, process)),
         };
-        let token = key.map(|key| self.watch_token(key)).transpose()?;
+        Ok(WatchedLease { token: key.map(|key| self.watch_token(key)).transpose()? })
+    }
+
+    /// From now on the task hangs on this token, and on no other.
+    pub(crate) fn hang_on(&self, lease: WatchedLease) {
         let mut watch = lock(&self.lease_watch);
-        let before = std::mem::replace(&mut *lock(&self.lease), WatchedLease { token });
+        let before = std::mem::replace(&mut *lock(&self.lease), lease);
         (watch.seen, watch.chosen) = (false, self.shared.now());
         drop(watch);
         // It says farewell to the network, for which the clock should not wait.
         drop(before);
-        Ok(())
     }
 
     fn watch_token(&self, key: String) -> zenoh::Result<WatchedToken> {

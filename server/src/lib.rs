@@ -37,7 +37,11 @@ pub mod pipeline;
 
 mod governor;
 
+mod pause;
+
 mod outlet;
+
+pub mod control;
 
 mod board;
 
@@ -94,7 +98,8 @@ pub use config::{ConfigError, ServerConfig};
 pub use error::ServiceError;
 pub use governor::{AccelerationLimits, Governed, Governor, SpeedLimits, limit_speed};
 pub use life::DIVERGING_FRAMES;
-pub use outlet::{Outlet, Publish, Received, ZERO_PERIOD};
+pub use outlet::{Outlet, Publish, Received, SenderClock, ZERO_PERIOD};
+pub use pause::{Clocks, Pause, TICK};
 pub use service::Service;
 
 /// A time by the worker's monotonic clock: since the worker started. Always an argument, never read in the

@@ -6,7 +6,7 @@ use domvs_proto::body;
 use domvs_proto::frame::Secret;
 use domvs_proto::keys::Leaf;
 use domvs_proto::messages::{
-    Control, ControlReply, ErrorCode, ErrorReply, Progress, TargetReference, TaskClosed, TaskProgress, TaskState,
+    Control, ControlReply, ErrorCode, ErrorReply, TargetReference, TaskClosed, TaskProgress, TaskState,
 };
 use domvs_proto::settings::TaskSettings;
 use domvs_proto::status::Status;
@@ -17,6 +17,8 @@ use zenoh::query::Query;
 
 use crate::Moment;
 use crate::answers::{log_failure, read_json, reply_json};
+use crate::board::{Board, News};
+use crate::control::{moves, obey};
 use crate::desk::{Desk, Order, lock};
 use crate::law::{acceleration_limits, speed_limits};
 use crate::payload::{Payload, header_of};
@@ -58,7 +60,7 @@ impl Desk {
     /// The secret was looked at before this was let in.
     fn control(&self, query: &Query, received: Moment) -> Result<Vec<u8>, ErrorReply> {
         let control: Control = read_json(query)?;
-        let moves = matches!(control, Control::Start | Control::Resume);
+        let moves = moves(control);
         if moves && self.is_without_client() {
             return Ok(body::write(&ControlReply { status: Status::ClientLost }));
         }
@@ -76,20 +78,14 @@ impl Desk {
             let error = format!("another worker takes task {} over; ask again", self.key);
             return Err(ErrorReply::new(ErrorCode::Superseded, error));
         }
-        let status = task.control(control)?;
-        let now = self.shared.now();
-        match control {
-            Control::Start | Control::Resume => outlet.halt(None, now),
-            Control::Pause => outlet.brake(status, now),
-            // Not only braked: an older halt would go on saying why it stood before.
-            Control::Stop => outlet.halt(Some(status), now),
-            Control::Close => {
-                outlet.halt(Some(Status::Stopped), now);
-                task.latch(Status::Stopped);
-                self.closing.store(true, Ordering::Release);
-            }
-        }
+        let Some(status) = obey(&mut task, &mut outlet, control, received, self.shared.now())? else {
+            tracing::warn!(task = %self.key, client = %self.key.client, ?control, "may have waited while the worker stood still; nothing changes");
+            return Ok(body::write(&ControlReply { status: task.status() }));
+        };
         drop(outlet);
+        if control == Control::Close {
+            self.closing.store(true, Ordering::Release);
+        }
         if moves {
             // The client is there: its task is wanted again.
             lock(&self.lease_watch).gone_since = None;
@@ -119,9 +115,14 @@ impl Desk {
         let next = task.settings().merge_patch(patch).map_err(|error| ErrorReply::from(&error))?;
         let pixels = self.shared.resize(self, &next)?;
         let new_lease = (next.lease != task.settings().lease).then_some(next.lease);
-        let changed = task.change_settings(patch).inspect_err(|_| self.pixels.store(pixels, Ordering::Release))?;
-        if let Some(lease) = new_lease {
-            self.watch_lease(&lease).map_err(|error| ErrorReply::new(ErrorCode::Internal, error))?;
+        // All that can fail comes before anything changes.
+        let watched = new_lease.map(|lease| self.lease_of(&lease)).transpose();
+        let changed = watched
+            .map_err(|error| ErrorReply::new(ErrorCode::Internal, error))
+            .and_then(|watched| Ok((task.change_settings(patch)?, watched)));
+        let (changed, watched) = changed.inspect_err(|_| self.pixels.store(pixels, Ordering::Release))?;
+        if let Some(watched) = watched {
+            self.hang_on(watched);
         }
         Ok(changed)
     }
@@ -202,14 +203,17 @@ impl Desk {
     }
 
     pub(crate) fn state(&self, task: &Task) -> TaskState {
-        let mut board = lock(&self.board);
+        self.state_by(&mut lock(&self.board), task)
+    }
+
+    fn state_by(&self, board: &mut Board, task: &Task) -> TaskState {
         let progress = task.progress(board.status());
         board.advanced(progress);
         TaskState {
             task: self.key.clone(),
             worker: self.shared.worker.clone(),
             epoch: self.epoch,
-            revision: self.revision.load(Ordering::Acquire),
+            revision: board.revision(),
             secret_hash: self.secret.hash(),
             frame_secret_hash: self.frame_secret.hash(),
             settings: task.settings().clone(),
@@ -224,8 +228,11 @@ impl Desk {
     }
 
     pub(crate) fn publish_state(&self, task: &Task) {
-        self.revision.fetch_add(1, Ordering::AcqRel);
-        self.publications.state(body::write(&self.state(task)));
+        let mut board = lock(&self.board);
+        board.revise();
+        let state = self.state_by(&mut board, task);
+        drop(board);
+        self.publications.state(body::write(&state));
         self.keep(task);
     }
 
@@ -238,9 +245,8 @@ impl Desk {
     }
 
     /// The small part of the state.
-    pub(crate) fn publish_progress(&self, progress: Progress) {
+    pub(crate) fn publish_progress(&self, News { revision, progress }: News) {
         let (task, worker) = (self.key.clone(), self.shared.worker.clone());
-        let revision = self.revision.load(Ordering::Acquire);
         self.publications.state(body::write(&TaskProgress { task, worker, epoch: self.epoch, revision, progress }));
     }
 

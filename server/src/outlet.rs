@@ -11,6 +11,7 @@ use domvs_vision::Twist;
 
 use crate::Moment;
 use crate::governor::Governor;
+use crate::pause::Pause;
 
 /// Zeros are repeated this often while a task is not servoing: 10 Hz.
 pub const ZERO_PERIOD: Duration = Duration::from_millis(100);
@@ -23,14 +24,23 @@ pub type Publish = Box<dyn Fn(&TwistMessage) + Send>;
 pub struct Received {
     /// When it arrived.
     pub at: Moment,
-    /// Since when its sender's clock has been known; `None` if it came without a capture time.
-    pub clock_known_since: Option<Moment>,
+    /// What its sender's clock says; `None` if it came without a capture time.
+    pub clock: Option<SenderClock>,
+}
+
+/// The age of a frame by its sender's clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SenderClock {
+    /// Since when it has been known.
+    pub known_since: Moment,
+    /// Until then the frame is younger than the settings allow.
+    pub fresh_until: Moment,
 }
 
 impl Received {
     /// A frame of which only the receipt is known.
     pub fn at(at: Moment) -> Received {
-        Received { at, clock_known_since: None }
+        Received { at, clock: None }
     }
 }
 
@@ -87,11 +97,12 @@ impl Outlet {
         self.publish(message)
     }
 
-    /// The frame is young enough, the clock is there to brake, and no pause of the process hides the frame's age.
+    /// The frame is young enough, its wait here counted in, the clock is there to brake, and no pause of the process hides the frame's age.
     fn is_trusted(&self, frame: Received, now: Moment) -> bool {
         self.governor.is_current(frame.at, now)
+            && frame.clock.is_none_or(|clock| now <= clock.fresh_until)
             && (self.is_awake(frame.at, now)
-                || self.clock_looks(now) && frame.clock_known_since.is_some_and(|since| since <= self.doubt.since))
+                || self.clock_looks(now) && frame.clock.is_some_and(|clock| clock.known_since <= self.doubt.since))
     }
 
     /// Whether the clock looks, and has done so for long enough that what arrived at `received` did not wait for it to wake.
@@ -103,9 +114,15 @@ impl Outlet {
         self.governor.is_current(self.looked, now)
     }
 
-    /// The process stood still after `since`: for one watchdog time from now on, the receipt of a frame proves nothing about its age.
-    pub fn doubt(&mut self, since: Moment, now: Moment) {
-        self.doubt = Doubt { since, until: now + self.governor.watchdog() };
+    /// The clock looks again after this. Returns whether the process stood still for longer than the watchdog: then what waits is of no use,
+    /// and for one watchdog time from now on the receipt of a frame proves nothing about its age.
+    pub fn wake(&mut self, pause: Pause, now: Moment) -> bool {
+        let watchdog = self.governor.watchdog();
+        let stood_still = pause.length > watchdog;
+        if stood_still {
+            self.doubt = Doubt { since: pause.since, until: now + watchdog };
+        }
+        stood_still
     }
 
     /// Sends zeros with this status at once, whatever waits. They answer no frame, so they say nothing of one but its number and time.
@@ -199,6 +216,17 @@ mod tests {
     }
 
     #[test]
+    fn a_frame_grows_older_while_it_waits_for_its_twist() {
+        let (mut outlet, _) = outlet();
+        // 190 ms old when it came, of 200 that it may be: 10 more it may wait.
+        let clock = SenderClock { known_since: ms(0), fresh_until: ms(110) };
+        let frame = Received { at: ms(100), clock: Some(clock) };
+        assert_eq!(outlet.send(servoing(), frame, ms(110)).status, Status::Servoing);
+        let message = outlet.send(servoing(), frame, ms(111));
+        assert_eq!((message.status, message.twist), (Status::StaleFrame, [0.0; 6]));
+    }
+
+    #[test]
     fn a_halted_outlet_sends_nothing_but_zeros() {
         let (mut outlet, _) = outlet();
         outlet.halt(Some(Status::Stopped), ms(0));
@@ -226,9 +254,11 @@ mod tests {
     #[test]
     fn after_a_pause_only_a_clock_that_was_known_before_tells_the_age() {
         let (mut outlet, _) = outlet();
+        assert!(!outlet.wake(Pause { length: ms(300), since: ms(100) }, ms(400)), "no longer than the watchdog");
+        assert!(outlet.wake(Pause { length: ms(600), since: ms(400) }, ms(1000)));
         outlet.tick(Status::Ready, ms(1000));
-        outlet.doubt(ms(400), ms(1000));
-        let known = |since| Received { at: ms(1299), clock_known_since: since };
+        let clock = |known_since| SenderClock { known_since, fresh_until: ms(1299) };
+        let known = |since: Option<Moment>| Received { at: ms(1299), clock: since.map(clock) };
         assert_eq!(outlet.send(servoing(), known(None), ms(1299)).status, Status::StaleFrame);
         assert_eq!(outlet.send(servoing(), known(Some(ms(401))), ms(1299)).status, Status::StaleFrame);
         assert_eq!(outlet.send(servoing(), known(Some(ms(400))), ms(1299)).status, Status::Servoing);

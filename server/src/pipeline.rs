@@ -67,18 +67,19 @@ pub fn on_frame(task: &mut Task, frame: &Frame<'_>, now: Moment) -> TwistMessage
 }
 
 /// Sends on `command` what [`on_frame`] has answered to a pushed frame: governed, or as zeros if the world went on meanwhile.
-/// Returns the message as it was sent.
+/// `halted` is a status that waits to be latched. Returns the message as it was sent.
 pub fn send_answer(
     task: &mut Task,
     outlet: &mut Outlet,
     frame: &Frame<'_>,
     answer: TwistMessage,
+    halted: Option<Status>,
     now: Moment,
 ) -> TwistMessage {
     let late = is_past_deadline(frame.header.deadline_us, now.saturating_sub(frame.received));
-    let in_time = if answer.is_servoing() && late { refused(answer, Status::DeadlineMissed) } else { answer };
-    let clock_known_since = task.clock_known_since().filter(|_| frame.header.capture_time_ns != 0);
-    let sent = outlet.send(in_time, Received { at: frame.received, clock_known_since }, now);
+    let overruled = halted.or(late.then_some(Status::DeadlineMissed)).filter(|_| answer.is_servoing());
+    let current = overruled.map_or(answer, |status| refused(answer, status));
+    let sent = outlet.send(current, Received { at: frame.received, clock: task.sender_clock(frame) }, now);
     let twist = Twist::from_array(sent.twist);
     task.commanded(twist);
     if answer.is_servoing() {
@@ -177,13 +178,14 @@ fn check_time(task: &mut Task, frame: &Frame<'_>, now: Moment) -> Result<(), Ref
         return Err(Refusal::because(Status::DeadlineMissed, detail));
     }
     if frame.route == Route::Pushed {
-        let max_age = Duration::from_millis(u64::from(task.settings.max_age_ms));
-        let watchdog = task.watchdog();
-        let judged = match frame.header.capture_time_ns {
-            0 => task.age.judge_untimed(frame.received, watchdog),
-            captured => task.age.judge(captured, frame.received, max_age),
+        let (max_age, watchdog) = (task.max_age(), task.watchdog());
+        let (judged, oldest) = match frame.header.capture_time_ns {
+            0 => (task.age.judge_untimed(frame.header.sequence, frame.received, watchdog), watchdog),
+            captured => (task.age.judge(captured, frame.received, max_age), max_age),
         };
-        if judged == Age::Stale || waited > watchdog {
+        let Age::Fresh(age) = judged else { return Err(Status::StaleFrame.into()) };
+        task.age_at_receipt = age;
+        if waited > watchdog || age + waited > oldest {
             return Err(Status::StaleFrame.into());
         }
     }

@@ -274,7 +274,6 @@ fn new_desk(shared: &Arc<Shared>, seed: Seed) -> zenoh::Result<Desk> {
         lease_watch: Mutex::new(LeaseWatch::default()),
         lease: Mutex::default(),
         closing: AtomicBool::new(false),
-        revision: AtomicU64::new(0),
         superseded: AtomicBool::new(false),
         leaving: AtomicBool::new(false),
         close_given: AtomicBool::new(false),

@@ -16,6 +16,7 @@ use crate::age::AgeEstimator;
 use crate::decode::{DecodeLimits, Decoder, DepthRows, invert, weights};
 use crate::law::{intrinsics, law};
 use crate::life::Life;
+use crate::outlet::SenderClock;
 use crate::payload::Payload;
 use crate::screen::{CONTRAST, FreezeDetector, Gates, GraySums, UNCLIPPED};
 
@@ -51,6 +52,8 @@ pub struct Task {
     pub(crate) limits: DecodeLimits,
     pub(crate) target: Option<Target>,
     pub(crate) age: AgeEstimator,
+    /// How old the newest fresh frame was when it was received.
+    pub(crate) age_at_receipt: Duration,
     pub(crate) freeze: FreezeDetector,
     pub(crate) gates: Gates,
     /// The numbers behind the last refusal.
@@ -135,6 +138,7 @@ impl Task {
             limits,
             target: None,
             age: AgeEstimator::default(),
+            age_at_receipt: Duration::ZERO,
             freeze: FreezeDetector::default(),
             gates: Gates::default(),
             detail: None,
@@ -192,9 +196,18 @@ impl Task {
         }
     }
 
-    /// Since when the clock of the source whose frames carry capture times has been known; `None` before the first.
-    pub fn clock_known_since(&self) -> Option<Moment> {
-        self.age.known_since()
+    /// What the clock of its sender says of the frame looked at last; `None` if it came without a capture time.
+    pub(crate) fn sender_clock(&self, frame: &Frame<'_>) -> Option<SenderClock> {
+        let known_since = self.age.known_since().filter(|_| frame.header.capture_time_ns != 0)?;
+        Some(SenderClock {
+            known_since,
+            fresh_until: frame.received + self.max_age().saturating_sub(self.age_at_receipt),
+        })
+    }
+
+    /// How old a pushed frame may be.
+    pub(crate) fn max_age(&self) -> Duration {
+        Duration::from_millis(u64::from(self.settings.max_age_ms))
     }
 
     /// Good steps since `start`.
@@ -223,6 +236,9 @@ impl Task {
     pub fn control(&mut self, control: Control) -> Result<Status, ErrorReply> {
         match self.life.control(control) {
             Ok(forget_initial) => {
+                if control == Control::Start {
+                    self.age.forget_sequence();
+                }
                 if let Some(target) = self.target.as_mut() {
                     // Nobody knows how the camera was moved while the task stood.
                     target.told = None;

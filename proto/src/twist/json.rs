@@ -31,14 +31,12 @@ struct TwistJson {
 impl TwistMessage {
     /// The message as JSON text. As in `encode`, what would be refused is sent as zeros with `internal`.
     pub fn to_json(&self) -> String {
-        let refused = self.check().is_err();
-        let status = if refused { Status::Internal } else { self.status };
-        let twist = if status == Status::Servoing { self.twist } else { [0.0; 6] };
+        let sent = self.sent();
         let finite = |number: f64| number.is_finite().then_some(number);
         let json = TwistJson {
             version: WIRE_VERSION,
-            status: status.word().to_owned(),
-            flags: self.flags.words().into_iter().map(str::to_owned).collect(),
+            status: sent.status.word().to_owned(),
+            flags: sent.flags.words().into_iter().map(str::to_owned).collect(),
             order: self.order,
             features: self.features,
             sequence: self.sequence,
@@ -47,7 +45,7 @@ impl TwistMessage {
             queue_us: self.queue_us,
             compute_us: self.compute_us,
             valid_ms: self.valid_ms,
-            twist,
+            twist: sent.twist,
             pixel_mse: finite(self.pixel_mse),
             feature_error_norm: finite(self.feature_error_norm),
             condition_number: finite(self.condition_number),

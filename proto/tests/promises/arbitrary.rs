@@ -45,7 +45,8 @@ fn twist() -> impl Strategy<Value = TwistMessage> {
     let times = (any::<u32>(), any::<u32>(), any::<u32>(), any::<u32>());
     (counts, times, any::<[f64; 6]>(), any::<[f64; 4]>()).prop_map(|(counts, times, twist, diagnostics)| TwistMessage {
         status: counts.0,
-        flags: TwistFlags::from_bits(counts.1),
+        // Zeros have none.
+        flags: if counts.0 == Status::Servoing { TwistFlags::from_bits(counts.1) } else { TwistFlags::default() },
         order: counts.2,
         features: counts.3,
         sequence: counts.4,

@@ -88,6 +88,18 @@ fn what_would_be_refused_is_sent_as_a_stop() {
 }
 
 #[test]
+fn zeros_leave_without_flags() {
+    let flags = TwistFlags { speed_limited: true, step_capped: true, ..TwistFlags::default() };
+    let paused = TwistMessage { flags, ..TwistMessage::zero(Status::Paused) };
+    let refused = TwistMessage { flags, twist: [f64::NAN; 6], ..moving() };
+    for message in [paused, refused] {
+        for read in [TwistMessage::decode(&message.encode()), TwistMessage::from_json(message.to_json().as_bytes())] {
+            assert_eq!(read.unwrap().flags, TwistFlags::default());
+        }
+    }
+}
+
+#[test]
 fn a_twist_in_json_must_be_complete() {
     for missing in ["status", "twist", "epoch", "valid_ms"] {
         let json = moving().to_json().replace(&format!("\"{missing}\":"), "\"other\":");

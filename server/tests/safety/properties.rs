@@ -83,6 +83,9 @@ enum Weather {
     Fair(u8),
     /// The way holds everything back for so long; then all of it comes at once.
     LinkStands { ms: u16 },
+    /// The way holds everything back for so long, and then gives it back in order, at so many hundredths of the camera's rate. What has
+    /// not come after [`DRAINING`] comes at once.
+    SlowDrain { ms: u16, percent: u16 },
     /// The process stands still for so long; what came meanwhile waits in the system's buffers.
     ProcessStands { ms: u16, clock_wakes_first: bool },
     /// The next frames come in another order, the first of them twice.
@@ -95,6 +98,7 @@ fn weather() -> impl Strategy<Value = Vec<Weather>> {
     let one = prop_oneof![
         4 => (1u8..40).prop_map(Weather::Fair),
         2 => (10u16..6000).prop_map(|ms| Weather::LinkStands { ms }),
+        1 => (1000u16..6000, 102u16..300).prop_map(|(ms, percent)| Weather::SlowDrain { ms, percent }),
         2 => (10u16..6000, any::<bool>()).prop_map(|(ms, clock_wakes_first)| Weather::ProcessStands { ms, clock_wakes_first }),
         1 => Just(Weather::Shuffled),
         1 => (10u16..15_000).prop_map(|ms| Weather::Dark { ms }),
@@ -103,6 +107,8 @@ fn weather() -> impl Strategy<Value = Vec<Weather>> {
 }
 
 const PERIOD: Duration = Duration::from_millis(33);
+/// So long a link drains slowly.
+const DRAINING: Duration = Duration::from_secs(8);
 
 /// A camera before a task that started long ago; every frame shows something else.
 struct Flight {
@@ -115,8 +121,12 @@ struct Flight {
 
 impl Flight {
     fn new(timed: bool) -> Flight {
+        Flight::with(timed, 200)
+    }
+
+    fn with(timed: bool, watchdog_ms: u32) -> Flight {
         let settings = pictures::settings(json!({
-            "gain": { "per_s": 0.1 }, "stop": { "step_m": 1e-9, "step_rad": 1e-9 }, "watchdog_ms": 200, "max_age_ms": 200,
+            "gain": { "per_s": 0.1 }, "stop": { "step_m": 1e-9, "step_rad": 1e-9 }, "watchdog_ms": watchdog_ms, "max_age_ms": 200,
         }));
         let world = World::started(settings, &scene(0.0));
         let mut flight = Flight { world, sequence: 0, timed, oldest: Duration::ZERO };
@@ -152,6 +162,25 @@ impl Flight {
         (1..=ms / PERIOD.as_millis() as u64).rev().map(|frame| frame * PERIOD.as_millis() as u64).collect()
     }
 
+    /// Frames were held back for so long. They come at this rate until the last has caught up, or `most` has passed.
+    fn drain(&mut self, held_ms: u16, percent: u16, most: Duration) {
+        self.world.pass(MS(held_ms.into()));
+        let mut age = MS(held_ms.into());
+        let (begin, apart) = (self.world.now, PERIOD * 100 / u32::from(percent));
+        while age > PERIOD && self.world.now < begin + most {
+            self.take(&[age.as_millis() as u64], false);
+            self.world.pass(apart);
+            age = age + apart - PERIOD;
+        }
+        self.take(&Flight::backlog(age.as_millis() as u64), false);
+    }
+
+    /// How old a frame may be that moves something: the way itself takes up to 10 ms, which nobody can tell from an offset of the clocks, and
+    /// a clock may drift by 1 ms/s.
+    fn most(&self) -> Duration {
+        MS(210) + (self.world.now - Duration::from_secs(100)) / 1000
+    }
+
     fn happen(&mut self, weather: &Weather) {
         match *weather {
             Weather::Fair(frames) => self.fair(frames),
@@ -159,6 +188,7 @@ impl Flight {
                 self.world.pass(MS(ms.into()));
                 self.take(&Flight::backlog(ms.into()), false);
             }
+            Weather::SlowDrain { ms, percent } => self.drain(ms, percent, DRAINING),
             Weather::ProcessStands { ms, clock_wakes_first } => {
                 self.world.stand_still(MS(ms.into()), clock_wakes_first);
                 self.take(&Flight::backlog(ms.into()), false);
@@ -181,12 +211,91 @@ fn no_frame_that_waited_anywhere_for_longer_than_max_age_moves_anything() {
         for one in &weather {
             flight.happen(one);
         }
-        // The way itself takes up to 10 ms, which nobody can tell from an offset of the clocks.
-        assert!(flight.oldest <= MS(210), "a frame {:?} old moved the camera: {weather:?}", flight.oldest);
+        assert!(flight.oldest <= flight.most(), "a frame {:?} old moved the camera: {weather:?}", flight.oldest);
         flight.fair(40);
         let last = flight.world.sent.last().expect("a second of frames");
         assert!(last.message.is_servoing(), "a second of fair weather is enough: {last:?}");
     });
+}
+
+#[test]
+fn a_backlog_that_drains_slowly_moves_nothing_until_it_has_caught_up() {
+    for percent in [102, 104, 110, 120, 139, 141, 200, 300] {
+        for held_ms in [1100, 3000] {
+            let mut flight = Flight::new(true);
+            flight.fair(40);
+            flight.drain(held_ms, percent, Duration::from_secs(20));
+            assert!(flight.oldest <= flight.most(), "{:?} old, {held_ms} ms at {percent} %", flight.oldest);
+            flight.fair(2);
+            assert!(flight.world.sent.last().expect("frames").message.is_servoing(), "it has caught up");
+        }
+    }
+}
+
+#[test]
+fn a_frame_that_waits_for_its_twist_grows_older_than_max_age() {
+    let mut flight = Flight::with(true, 300);
+    flight.fair(10);
+    for (takes_ms, moves) in [(5, true), (45, false)] {
+        flight.world.pass(2 * PERIOD);
+        flight.sequence += 1;
+        // 160 ms old when it comes, of 200 that it may be.
+        flight.world.pass(MS(160));
+        let clock = (flight.world.now - MS(160) + Duration::from_secs(31_536_000)).as_nanos() as u64;
+        let sent = flight.world.push_slowly(&scene(1.3).numbered(flight.sequence, clock), MS(takes_ms));
+        let expected = if moves { Status::Servoing } else { Status::StaleFrame };
+        assert_eq!(sent.status, expected, "after {takes_ms} ms more");
+    }
+}
+
+#[test]
+fn without_capture_times_nothing_out_of_order_or_twice_moves_anything() {
+    let settings = pictures::settings(json!({ "gain": { "per_s": 0.1 }, "watchdog_ms": 200 }));
+    let mut world = World::started(settings, &scene(0.0));
+    let mut push = |sequence: u64| {
+        world.pass(PERIOD);
+        let sent = world.push(&scene(1.0 + (sequence % 7) as f64 * 0.1).numbered(sequence, 0));
+        assert!(sent.is_servoing() || sent.status == Status::StaleFrame, "{sent:?}");
+        sent.is_servoing()
+    };
+    assert_eq!([5, 6, 6, 5, 8, 7, 9].map(&mut push), [true, true, false, false, true, false, true]);
+    assert_eq!([0, 0, 0].map(&mut push), [true; 3], "a camera that does not count");
+    // The camera is started anew, and sends on at once.
+    let moved: Vec<bool> = (1..=20).map(&mut push).collect();
+    assert!(!moved[..6].contains(&true) && !moved[13..].contains(&false), "within two watchdog times: {moved:?}");
+}
+
+#[test]
+fn a_start_that_waited_for_a_process_that_stood_still_moves_nothing() {
+    for control in [Control::Start, Control::Resume] {
+        for (clock_wakes_first, in_buffers) in [(true, false), (false, false), (true, true), (false, true)] {
+            let mut world = World::started(pictures::settings(json!({})), &scene(0.0));
+            world.control(Control::Stop);
+            let asked = world.now;
+            world.stand_still(MS(3000), clock_wakes_first);
+            let received = if in_buffers { world.now } else { asked };
+            world.control_late(control, received);
+            assert_eq!(world.task.status(), Status::Stopped);
+            world.wake();
+            world.pass(MS(201));
+            assert_eq!(world.push(&scene(1.0)).status, Status::Stopped);
+            world.control(control);
+            assert!(world.push(&scene(1.0)).is_servoing(), "a new one is obeyed");
+        }
+    }
+}
+
+#[test]
+fn a_halt_that_is_heard_while_a_frame_is_computed_is_obeyed_before_its_twist() {
+    for status in [Status::Stopped, Status::ClientLost, Status::Superseded] {
+        let mut world = World::started(pictures::settings(json!({})), &scene(0.0));
+        assert!(world.push(&scene(1.0)).is_servoing());
+        world.waiting_halt = Some(status);
+        let [sent, answer] = [world.push_slowly(&scene(1.1), MS(1)), world.ask_slowly(&scene(1.2), MS(1))];
+        for message in [sent, answer] {
+            assert_eq!((message.status, message.twist), (status, [0.0; 6]));
+        }
+    }
 }
 
 #[test]

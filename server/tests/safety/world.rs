@@ -2,24 +2,23 @@
 //! published is kept, and held against the promises as it leaves.
 
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use domvs_proto::messages::Control;
 use domvs_proto::settings::TaskSettings;
 use domvs_proto::status::Status;
 use domvs_proto::twist::TwistMessage;
+use domvs_server::control::obey;
 use domvs_server::decode::DecodeLimits;
 use domvs_server::law::{acceleration_limits, speed_limits};
 use domvs_server::pipeline::{on_frame, recheck, send_answer};
 use domvs_server::task::{Frame, Route, Task};
-use domvs_server::{Governor, Moment, Outlet};
+use domvs_server::{Clocks, Governor, Moment, Outlet, TICK};
 use serde_json::Value;
 
 use crate::pictures::Shot;
 
 pub const LIMITS: DecodeLimits = DecodeLimits { max_pixels: 1 << 16, max_bytes: 1 << 20 };
-/// How often the clock looks.
-pub const TICK: Duration = Duration::from_millis(5);
 
 /// What left on `command`, and when.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +33,9 @@ pub struct World {
     pub outlet: Outlet,
     pub now: Moment,
     looked: Moment,
+    clocks: Clocks,
+    /// Heard of, and not latched yet.
+    pub waiting_halt: Option<Status>,
     /// What `status` says.
     said: Status,
     published: Arc<Mutex<Vec<TwistMessage>>>,
@@ -61,6 +63,8 @@ impl World {
             outlet,
             now,
             looked: now,
+            clocks: Clocks::new(now, wall(now)),
+            waiting_halt: None,
             published,
             sent: Vec::new(),
             unbroken: true,
@@ -94,13 +98,12 @@ impl World {
 
     /// Obeys a word as a desk does.
     pub fn control(&mut self, control: Control) {
-        let Ok(status) = self.task.control(control) else { return };
-        match control {
-            Control::Start | Control::Resume => self.outlet.halt(None, self.now),
-            Control::Pause => self.outlet.brake(status, self.now),
-            Control::Stop => self.outlet.halt(Some(status), self.now),
-            Control::Close => self.halt(Status::Stopped),
-        }
+        self.control_late(control, self.now);
+    }
+
+    /// Obeys a word that was received at `received` and has waited since.
+    pub fn control_late(&mut self, control: Control, received: Moment) {
+        let Ok(Some(_)) = obey(&mut self.task, &mut self.outlet, control, received, self.now) else { return };
         self.started |= self.task.is_running();
         self.said = self.task.status();
         self.collect(None);
@@ -135,7 +138,7 @@ impl World {
         let answer = on_frame(&mut self.task, &frame, self.now);
         self.check_answer(&answer, shot);
         self.pass(takes);
-        let sent = send_answer(&mut self.task, &mut self.outlet, &frame, answer, self.now);
+        let sent = send_answer(&mut self.task, &mut self.outlet, &frame, answer, self.waiting_halt, self.now);
         self.said = sent.status;
         self.collect(Some((frame.received, answer.is_servoing())));
         sent
@@ -152,7 +155,7 @@ impl World {
         self.note_autostart();
         let answer = on_frame(&mut self.task, &frame, self.now);
         self.pass(takes);
-        let answer = recheck(answer, &self.outlet, &frame, None, self.now);
+        let answer = recheck(answer, &self.outlet, &frame, self.waiting_halt, self.now);
         self.said = answer.status;
         self.check_answer(&answer, shot);
         answer
@@ -181,9 +184,8 @@ impl World {
 
     /// The clock looks, perhaps after the process stood still.
     pub fn wake(&mut self) {
-        if self.now.saturating_sub(self.looked) > self.task.watchdog() {
-            self.outlet.doubt(self.looked, self.now);
-        }
+        let pause = self.clocks.look(self.now, wall(self.now));
+        self.outlet.wake(pause, self.now);
         self.look();
     }
 
@@ -269,6 +271,11 @@ impl World {
             "{message:?} after {last:?} in {seconds} s"
         );
     }
+}
+
+/// A wall clock that goes on as the monotonic one does.
+fn wall(now: Moment) -> SystemTime {
+    SystemTime::UNIX_EPOCH + now
 }
 
 pub fn norm(part: &[f64]) -> f64 {
