@@ -4,12 +4,13 @@
 //! `task/*/<id>/<leaf>`, whose beginning all tasks share, and each callback looks whether the client in the key is the task's; what is
 //! published is put on its key without a declaration. Left are the tokens, which `Spent` counts. What the callbacks do is in `door`.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::collections::HashSet;
+use std::hash::{BuildHasher, RandomState};
+use std::sync::{Arc, Mutex};
 
 use domvs_proto::body;
 use domvs_proto::keys::{Keys, Leaf, TaskKey};
-use domvs_proto::settings::{Frames, Lease, TaskSettings};
+use domvs_proto::settings::Frames;
 use domvs_proto::twist::TWIST_ENCODING;
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
@@ -19,7 +20,7 @@ use zenoh::query::{Query, Queryable};
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
-use crate::desk::Desk;
+use crate::desk::{Desk, lock};
 use crate::door;
 use crate::outlet::Publish;
 use crate::task::SentTarget;
@@ -39,31 +40,33 @@ pub(crate) struct Endpoints {
     _owner: LivelinessToken,
 }
 
-/// How many of the 65 535 numbers that Zenoh has for the keys of a link this session may have used up: by its own tasks, and by the
-/// tokens it has heard of. Rather too many are counted: beyond the end one key would be taken for another.
+/// Which of the 65 535 numbers that Zenoh has for the keys of a link this session may have used up: by its own tasks, and by the
+/// tokens it has heard of. A key keeps its number, so one that comes again costs nothing. Rather too many are counted: beyond the end
+/// one key would be taken for another.
 #[derive(Debug, Default)]
-pub(crate) struct Spent(AtomicUsize);
+pub(crate) struct Spent {
+    /// Of the keys; no more than [`Spent::END`].
+    hashes: Mutex<HashSet<u64>>,
+    hasher: RandomState,
+}
 
 impl Spent {
     /// A worker without tasks begins a new session from here on.
     const RENEW: usize = 30_000;
-    /// No task is made from here on.
+    /// No task is made from here on; a worker of which no task runs begins a new session.
     const END: usize = 60_000;
 
     pub(crate) fn count(&self) -> usize {
-        self.0.load(Ordering::Relaxed)
+        lock(&self.hashes).len()
     }
 
-    /// A token has come.
-    pub(crate) fn heard(&self) {
-        self.0.fetch_add(1, Ordering::Relaxed);
-    }
-
-    /// A task is made: its owner's token, its client's, its camera's key.
-    pub(crate) fn made(&self, settings: &TaskSettings) {
-        let lease = usize::from(settings.lease != Lease::None);
-        let camera = usize::from(matches!(settings.frames, Frames::Key(_)));
-        self.0.fetch_add(1 + lease + camera, Ordering::Relaxed);
+    /// A token has come, or a key is declared for a task: its owner's, its lease, its camera's.
+    pub(crate) fn add(&self, key: &str) {
+        let hash = self.hasher.hash_one(key);
+        let mut hashes = lock(&self.hashes);
+        if hashes.len() < Spent::END {
+            hashes.insert(hash);
+        }
     }
 
     pub(crate) fn is_due(&self) -> bool {
@@ -77,7 +80,7 @@ impl Spent {
             return Ok(());
         }
         Err(format!(
-            "a session has keys for {end} tasks and tokens, this one has used {count}: it is renewed as soon as the worker has no task; create it on another worker"
+            "a session has keys for {end} tasks and tokens, this one has used {count}: it is renewed as soon as none of the worker's tasks runs; ask again, or another worker"
         ))
     }
 }
@@ -136,9 +139,11 @@ impl Endpoints {
         let own = KeyExpr::try_from(keys.frame(task))?;
         let mut subscribers = vec![frame_subscriber(keys.of_any_client(task, Leaf::Frame), Some(own), desk)?];
         if let Frames::Key(key) = frames {
+            desk.shared.spent.add(key);
             subscribers.push(frame_subscriber(key.clone(), None, desk)?);
         }
         let owner = keys.owner(task, &desk.shared.worker, desk.epoch);
+        desk.shared.spent.add(&owner);
         let owner = session.liveliness().declare_token(owner).wait()?;
         Ok(Endpoints { _queryables: queryables, _subscribers: subscribers, _owner: owner })
     }
@@ -180,20 +185,25 @@ fn log_failure(result: zenoh::Result<()>) {
 
 #[cfg(test)]
 mod tests {
-    use domvs_proto::settings::Camera;
-
     use super::*;
 
     #[test]
     fn a_session_that_has_used_its_keys_up_takes_no_task_and_is_renewed_long_before() {
-        let camera = Camera { fx: 9.0, fy: 9.0, cx: 3.5, cy: 3.5, width: 8, height: 8, distortion: None };
-        let (spent, settings) = (Spent::default(), TaskSettings::new(camera));
-        for _ in 0..Spent::RENEW / 2 {
-            assert!(!spent.is_due() && spent.check().is_ok(), "{spent:?}");
-            spent.made(&settings);
+        let spent = Spent::default();
+        for number in 0..Spent::RENEW {
+            assert!(!spent.is_due() && spent.check().is_ok(), "{number}");
+            spent.add(&format!("domvs/client/n{number}/alive"));
         }
-        assert!(spent.is_due() && spent.check().is_ok(), "{spent:?}");
-        (spent.count()..Spent::END).for_each(|_| spent.heard());
+        assert!(spent.is_due() && spent.check().is_ok());
+        (Spent::RENEW..2 * Spent::END).for_each(|number| spent.add(&format!("domvs/client/n{number}/alive")));
         assert!(spent.check().expect_err("none is left").contains("60000"));
+        assert_eq!(spent.count(), Spent::END, "what is remembered is bounded");
+    }
+
+    #[test]
+    fn a_token_that_comes_and_goes_costs_one_key() {
+        let spent = Spent::default();
+        (0..Spent::END).for_each(|_| spent.add("domvs/client/mallory/alive"));
+        assert_eq!(spent.count(), 1);
     }
 }

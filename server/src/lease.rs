@@ -71,6 +71,7 @@ impl Desk {
     }
 
     fn watch_token(&self, key: String) -> zenoh::Result<WatchedToken> {
+        self.shared.spent.add(&key);
         let present = Arc::new(AtomicBool::new(false));
         let noted = Arc::clone(&present);
         let note = move |sample: Sample| noted.store(sample.kind() == SampleKind::Put, Ordering::Release);

@@ -158,7 +158,7 @@ impl Event {
         (
             Event::SessionRenewed,
             "domvs_sessions_renewed_total",
-            "Sessions left, without a task, because many of their keys were used up",
+            "Sessions left, while no task ran, because many of their keys were used up",
         ),
     ];
 }

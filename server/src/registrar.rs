@@ -38,13 +38,75 @@ use crate::worker::Shared;
 /// Questions that need no secret, of one task, in a second.
 const PUBLIC_PER_S: usize = 50;
 
-/// What the registrar does, so that neither callbacks nor compute threads have to.
+/// Requests to create a task that may wait.
+const CREATIONS: usize = 256;
+/// Tasks to be closed or taken over that may wait.
+const JOBS: usize = 1024;
+
+/// What the registrar does before it creates anything, so that neither callbacks nor compute threads have to.
 pub(crate) enum Job {
-    Create(Query),
     Close(TaskKey),
     /// A task that another worker has lost.
     Adopt(Box<Adoption>),
     Shutdown,
+}
+
+/// A request to create a task.
+pub(crate) struct Creation {
+    pub(crate) query: Query,
+    pub(crate) client: Name,
+}
+
+/// The ways to the registrar: whoever asks for tasks, however often, holds up no closing and no takeover.
+pub(crate) struct Jobs {
+    jobs: flume::Sender<Job>,
+    creations: flume::Sender<Creation>,
+}
+
+/// What the registrar takes from.
+pub(crate) struct Waiting {
+    jobs: flume::Receiver<Job>,
+    creations: flume::Receiver<Creation>,
+}
+
+enum Next {
+    Job(Job),
+    Creation(Creation),
+}
+
+impl Jobs {
+    pub(crate) fn new() -> (Jobs, Waiting) {
+        let (jobs, waiting_jobs) = flume::bounded(JOBS);
+        let (creations, waiting_creations) = flume::bounded(CREATIONS);
+        (Jobs { jobs, creations }, Waiting { jobs: waiting_jobs, creations: waiting_creations })
+    }
+
+    /// Returns whether there was room.
+    pub(crate) fn give(&self, job: Job) -> bool {
+        self.jobs.try_send(job).is_ok()
+    }
+
+    /// Returns whether there was room.
+    pub(crate) fn create(&self, creation: Creation) -> bool {
+        self.creations.try_send(creation).is_ok()
+    }
+
+    /// Ends the registrar after the jobs that wait; creations are let go. Returns whether there was room.
+    pub(crate) fn end(&self, limit: Duration) -> bool {
+        self.jobs.send_timeout(Job::Shutdown, limit).is_ok()
+    }
+}
+
+impl Waiting {
+    /// The next thing to do: jobs first. `None` when nobody is left to ask.
+    fn next(&self) -> Option<Next> {
+        if let Ok(job) = self.jobs.try_recv() {
+            return Some(Next::Job(job));
+        }
+        let job = |job: Result<Job, _>| job.ok().map(Next::Job);
+        let creation = |creation: Result<Creation, _>| creation.ok().map(Next::Creation);
+        flume::Selector::new().recv(&self.jobs, job).recv(&self.creations, creation).wait()
+    }
 }
 
 /// Creates and closes tasks, one after another, on a thread of its own.
@@ -59,13 +121,13 @@ impl Registrar {
     }
 
     /// Works until it is told to stop.
-    pub(crate) fn run(mut self, jobs: &flume::Receiver<Job>) {
-        while let Ok(job) = jobs.recv() {
-            match job {
-                Job::Create(query) => self.answer_create(&query),
-                Job::Close(task) => self.close(&task),
-                Job::Adopt(adoption) => self.adopt(*adoption),
-                Job::Shutdown => break,
+    pub(crate) fn run(mut self, waiting: &Waiting) {
+        while let Some(next) = waiting.next() {
+            match next {
+                Next::Creation(Creation { query, client }) => self.answer_create(&query, client),
+                Next::Job(Job::Close(task)) => self.close(&task),
+                Next::Job(Job::Adopt(adoption)) => self.adopt(*adoption),
+                Next::Job(Job::Shutdown) => break,
             }
         }
         // They hold this worker, as it holds them.
@@ -73,24 +135,19 @@ impl Registrar {
         drop(desks);
     }
 
-    fn answer_create(&mut self, query: &Query) {
-        match self.create(query) {
+    fn answer_create(&mut self, query: &Query, client: Name) {
+        match self.create(query, client) {
             Ok(reply) => reply_json(query, query.key_expr().to_string(), &body::write(&reply)),
             Err(error) => self.shared.refuse(query, &error),
         }
     }
 
-    fn create(&mut self, query: &Query) -> Result<CreateReply, ErrorReply> {
-        let shared = &self.shared;
-        let bad_name = || {
-            let error = format!("{} has no client name of 1 to 64 of A-Z a-z 0-9 _ -", query.key_expr());
-            ErrorReply::new(ErrorCode::BadName, error)
-        };
-        let (_, client) = shared.keys.parse_create(query.key_expr().as_str()).ok_or_else(bad_name)?;
+    fn create(&mut self, query: &Query, client: Name) -> Result<CreateReply, ErrorReply> {
+        let (shared, asked) = (&self.shared, self.shared.now());
         shared.check_tasks(&client)?;
         shared.spent.check().map_err(|error| {
             tracing::warn!(%client, error, "no task can be created");
-            self.renew_if_idle();
+            self.renew_if_due();
             ErrorReply::new(ErrorCode::Quota, error)
         })?;
         let size = query.payload().map_or(0, ZBytes::len);
@@ -107,7 +164,8 @@ impl Registrar {
         let checks = [&secret, &frame_secret].map(|secret| SecretCheck::of(secret.clone()));
         let [of_owner, of_frames] = checks;
         let task = Task::new(settings.clone(), decode_limits(shared));
-        let desk = self.open(Seed { key, epoch, secret: of_owner, frame_secret: of_frames, task })?;
+        let seed = Seed { key, epoch, secret: of_owner, frame_secret: of_frames, task, stops_since: asked };
+        let desk = self.open(seed)?;
         let frame_secret = Some(frame_secret);
         let reply = CreateReply { task: desk.key.clone(), epoch: desk.epoch, secret, frame_secret };
         desk.created();
@@ -129,31 +187,55 @@ impl Registrar {
         }
     }
 
-    /// Without a task, a session that has used up many keys can be left for a new one at no cost.
-    fn renew_if_idle(&self) {
-        let spent = &self.shared.spent;
-        if spent.is_due() && lock(&self.shared.desks).is_empty() {
-            tracing::info!(keys = spent.count(), "no task is here: the session is renewed, with all its keys");
+    /// A session that has used up many keys is left for a new one: early if there is no task, at the end if none runs. The tasks go
+    /// on there as they stand.
+    fn renew_if_due(&self) {
+        let (spent, desks) = (&self.shared.spent, self.shared.desks());
+        let may = match spent.check() {
+            Ok(()) => spent.is_due() && desks.is_empty(),
+            Err(_) => !desks.iter().any(|desk| runs(desk)),
+        };
+        if may {
+            tracing::info!(
+                keys = spent.count(),
+                tasks = desks.len(),
+                "no task runs: the session is renewed, with all its keys"
+            );
             self.shared.metrics.happened(Event::SessionRenewed);
             self.shared.fence();
         }
     }
 
-    /// Gives a task its keys, the owner's token last, if there is room for it.
-    fn open(&mut self, seed: Seed) -> Result<Arc<Desk>, ErrorReply> {
+    /// Gives a task its keys, the owner's token last, if there is room for it and nobody else has it.
+    fn open(&mut self, mut seed: Seed) -> Result<Arc<Desk>, ErrorReply> {
         let internal = |error: zenoh::Error| ErrorReply::new(ErrorCode::Internal, error);
-        let settings = seed.task.settings().clone();
+        let (settings, stops_since) = (seed.task.settings().clone(), seed.stops_since);
+        if self.shared.is_stopped_since(stops_since) && !seed.task.status().is_latched() {
+            seed.task.latch(Status::Stopped);
+        }
         let desk = Arc::new(new_desk(&self.shared, seed).map_err(internal)?);
         // Known before it can be asked, so nobody hears that there is no such task.
         self.shared.admit(&desk, &settings)?;
-        let declared = desk.watch_lease(&settings.lease).and_then(|()| Endpoints::declare(&desk, &settings.frames));
-        let endpoints = declared.map_err(|error| {
+        // From here on callbacks see it. What they heard before, nobody has told it.
+        let declared = self.check_owner(&desk.key).and_then(|()| {
+            if self.shared.is_stopped_since(stops_since) && !lock(&desk.task).status().is_latched() {
+                desk.request_halt(Status::Stopped);
+            }
+            desk.watch_lease(&settings.lease)
+                .and_then(|()| Endpoints::declare(&desk, &settings.frames))
+                .map_err(internal)
+        });
+        let endpoints = declared.inspect_err(|_| {
             lock(&self.shared.desks).remove(&desk.key.to_string());
-            internal(error)
         })?;
-        self.shared.spent.made(&settings);
         self.endpoints.insert(desk.key.clone(), endpoints);
         Ok(desk)
+    }
+
+    /// Two standbys may begin to take the same task. Whoever sees the other's token here has not declared anything yet.
+    fn check_owner(&self, task: &TaskKey) -> Result<(), ErrorReply> {
+        let Some((epoch, worker)) = self.shared.inbox.newest_owner(task) else { return Ok(()) };
+        Err(ErrorReply::new(ErrorCode::Superseded, format!("worker {worker} has the task, with epoch {epoch}")))
     }
 
     /// Goes on with a task that another worker has lost: at rest, with the phase and the counters it had.
@@ -166,6 +248,9 @@ impl Registrar {
         let target_bytes = seed.task.target().map_or(0, |sent| sent.payload.len());
         let desk = match self.open(seed) {
             Ok(desk) => desk,
+            Err(error) if error.code == ErrorCode::Superseded => {
+                return tracing::info!(%task, %error, "not taken over");
+            }
             Err(error) => return tracing::error!(%task, %error, "cannot take the task over"),
         };
         let held = desk.tenant.hold_bytes(target_bytes);
@@ -185,7 +270,8 @@ impl Registrar {
         desk.created();
         let took_ms = now.saturating_sub(lost).as_millis() as u64;
         self.shared.metrics.happened(Event::TaskTakenOver);
-        tracing::info!(%task, client = %task.client, epoch, phase = ?progress.phase, took_ms, "took over");
+        let phase = lock(&desk.task).life.phase();
+        tracing::info!(%task, client = %task.client, epoch, ?phase, took_ms, "took over");
     }
 
     fn check_settings(&self, settings: &TaskSettings) -> Result<(), ErrorReply> {
@@ -218,8 +304,13 @@ impl Registrar {
         desk.forget();
         self.shared.metrics.happened(Event::TaskClosed);
         tracing::info!(%task, client = %task.client, "closed");
-        self.renew_if_idle();
+        self.renew_if_due();
     }
+}
+
+/// Whether frames move it, as far as the last piece of its work says.
+fn runs(desk: &Desk) -> bool {
+    lock(&desk.board).progress().is_some_and(|progress| progress.phase == Phase::Running)
 }
 
 /// What a task is made from.
@@ -229,6 +320,8 @@ pub(crate) struct Seed {
     pub(crate) secret: SecretCheck,
     pub(crate) frame_secret: SecretCheck,
     pub(crate) task: Task,
+    /// A stop for all that came later than this is this task's too: nobody else may have obeyed it.
+    pub(crate) stops_since: Moment,
 }
 
 /// A task that another worker has lost, ready to be opened here.
@@ -247,7 +340,7 @@ pub(crate) fn decode_limits(shared: &Shared) -> DecodeLimits {
 }
 
 fn new_desk(shared: &Arc<Shared>, seed: Seed) -> zenoh::Result<Desk> {
-    let Seed { key, epoch, secret, frame_secret, task } = seed;
+    let Seed { key, epoch, secret, frame_secret, task, .. } = seed;
     let settings = task.settings();
     let period = Duration::from_secs_f64(settings.frame_period_s);
     let governor = Governor::new(acceleration_limits(settings), task.watchdog(), period);
@@ -281,4 +374,26 @@ fn new_desk(shared: &Arc<Shared>, seed: Seed) -> zenoh::Result<Desk> {
         key,
         epoch,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn closings_go_before_creations_and_have_room_of_their_own() {
+        let mut config = zenoh::Config::default();
+        config.insert_json5("scouting/multicast/enabled", "false").expect("a known key");
+        config.insert_json5("listen/endpoints", "[]").expect("a known key");
+        let session = zenoh::open(config).await.expect("it needs nobody");
+        let queries = session.declare_queryable("test/create").await.expect("declared");
+        let _answers = session.get("test/create").await.expect("asked");
+        let query = queries.recv_async().await.expect("a query");
+        let (jobs, waiting) = Jobs::new();
+        let creation = || Creation { query: query.clone(), client: "alice".try_into().expect("a name") };
+        assert_eq!((0..=CREATIONS).filter(|_| jobs.create(creation())).count(), CREATIONS);
+        assert!(jobs.give(Job::Close("alice/t1".parse().expect("a task"))));
+        assert!(matches!(waiting.next(), Some(Next::Job(Job::Close(_)))));
+        assert!(matches!(waiting.next(), Some(Next::Creation(_))));
+    }
 }

@@ -18,21 +18,24 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use domvs_proto::keys::{Name, TaskKey};
-use domvs_proto::messages::{StateMessage, TaskState};
+use domvs_proto::messages::{Phase, StateMessage, TaskState};
+use domvs_proto::status::Status;
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
 use zenoh::sample::Locality;
 
 use crate::Moment;
-use crate::desk::lock;
+use crate::desk::{Desk, lock};
 use crate::metrics;
 use crate::task::SentTarget;
+use crate::throttle::Throttle;
 use crate::worker::Shared;
 
 use inbox::{Event, Picture};
 pub(crate) use inbox::{Inbox, Listening, declare};
 use records::{Record, Records};
+use takeover::Followed;
 
 /// The selector parameter that asks `state` for the target itself.
 pub(crate) const TARGET: &str = "target";
@@ -56,6 +59,10 @@ const QUIET: Duration = Duration::from_millis(100);
 const SOON: Duration = Duration::from_secs(3);
 /// How long a lost task without its target is kept for the target still to come.
 const INCOMPLETE: Duration = Duration::from_secs(60);
+/// How long the state of a task is kept for its owner's token to come.
+const UNOWNED: Duration = Duration::from_secs(60);
+/// A stop for all may overtake the last words of an owner that did not hear it.
+const DOUBT: Duration = Duration::from_secs(1);
 /// Closed tasks that are remembered, so that late news do not bring them back.
 const CLOSED: usize = 1024;
 /// How long an owner may take to answer.
@@ -68,6 +75,13 @@ pub(crate) struct Carried {
     pub(crate) target: Option<SentTarget>,
 }
 
+impl Carried {
+    /// Halts it with this status, wherever it goes on.
+    pub(crate) fn latch(&mut self, status: Status) {
+        (self.state.progress.phase, self.state.progress.status) = (Phase::Latched(status), status);
+    }
+}
+
 /// The standby's knowledge; lives on its own thread.
 pub(crate) struct Standby {
     shared: Arc<Shared>,
@@ -77,6 +91,9 @@ pub(crate) struct Standby {
     /// Live owner tokens of others' tasks.
     owners: BTreeMap<TaskKey, BTreeSet<(u32, Name)>>,
     closed: VecDeque<TaskKey>,
+    /// Own tasks that a newer owner has: with the first of them this worker begins to leave.
+    superseded: BTreeSet<TaskKey>,
+    unreadable: Throttle<1>,
     joined: Moment,
     mode: Mode,
 }
@@ -108,11 +125,21 @@ impl Standby {
         let mut records = Records::new(limits.tasks, limits.bytes);
         let joined = shared.now();
         for Carried { state, target } in carried {
-            records.insert_own(Record { own: true, target, lost: Some(joined), ..Record::new(state) });
+            records.insert_own(Record { own: true, target, lost: Some(joined), ..Record::new(state, joined) });
         }
         let mode = Mode::of(&shared.session);
         let workers = BTreeSet::from([shared.worker.clone()]);
-        Standby { shared, records, workers, owners: BTreeMap::new(), closed: VecDeque::new(), joined, mode }
+        Standby {
+            shared,
+            records,
+            workers,
+            owners: BTreeMap::new(),
+            closed: VecDeque::new(),
+            superseded: BTreeSet::new(),
+            unreadable: Throttle::new(),
+            joined,
+            mode,
+        }
     }
 
     /// Works until the worker ends.
@@ -130,11 +157,12 @@ impl Standby {
                     event => self.take_in(event),
                 }
             }
-            let busy = self.look();
+            pause = self.look();
             self.shared.inbox.say(self.known(), self.records.len(), self.workers.len() - 1);
             // Something new comes before something made ready.
-            let prepared = events.is_empty() && !busy && self.prepare_one();
-            pause = if busy || prepared { BUSY } else { QUIET };
+            if events.is_empty() && pause == QUIET && self.prepare_one() {
+                pause = BUSY;
+            }
         }
     }
 
@@ -146,7 +174,7 @@ impl Standby {
             Event::Worker { worker, alive: false } => self.worker_gone(&worker),
             Event::Owner { task, worker, epoch, alive: true } => self.owner_there(task, worker, epoch),
             Event::Owner { task, worker, epoch, alive: false } => self.owner_gone(&task, &worker, epoch),
-            Event::State(json) => self.state_came(&json),
+            Event::State { task, json, received } => self.state_came(&task, &json, received),
             Event::Target { task, picture } => {
                 self.shared.inbox.taken(picture.payload.len());
                 let Picture { header, encoding, payload } = picture;
@@ -177,20 +205,31 @@ impl Standby {
             return;
         }
         let own = lock(&self.shared.desks).get(&task.to_string()).cloned();
-        if let Some(desk) = own.filter(|desk| epoch > desk.epoch) {
-            tracing::warn!(%task, epoch, owner = %worker, own_epoch = desk.epoch, "a newer owner has the task: this worker leaves and comes back");
-            desk.supersede();
-            self.shared.metrics.happened(metrics::Event::TaskSuperseded);
-            self.shared.pool.schedule(&desk);
-            self.shared.fence();
+        if let Some(desk) = own {
+            self.yield_to_newer(&desk, epoch, &worker);
         }
+        let now = self.shared.now();
         if let Some(record) = self.records.get_mut(&task) {
             (record.lost, record.released, record.taken) = (None, None, None);
+            (record.owned, record.heard) = (true, now);
             if std::mem::take(&mut record.own) {
                 self.shared.states.iter().for_each(|states| states.remove(&task));
             }
         }
         self.owners.entry(task).or_default().insert((epoch, worker));
+    }
+
+    /// Halts a task that a newer owner has, and begins to leave.
+    fn yield_to_newer(&mut self, desk: &Arc<Desk>, epoch: u32, worker: &Name) {
+        if epoch <= desk.epoch || !self.superseded.insert(desk.key.clone()) {
+            return;
+        }
+        let task = &desk.key;
+        tracing::warn!(%task, epoch, owner = %worker, own_epoch = desk.epoch, "a newer owner has the task: this worker leaves and comes back");
+        desk.supersede();
+        self.shared.metrics.happened(metrics::Event::TaskSuperseded);
+        self.shared.pool.schedule(desk);
+        self.shared.fence();
     }
 
     fn owner_gone(&mut self, task: &TaskKey, worker: &Name, epoch: u32) {
@@ -213,20 +252,26 @@ impl Standby {
         }
     }
 
-    fn state_came(&mut self, json: &ZBytes) {
+    fn state_came(&mut self, of: &TaskKey, json: &ZBytes, received: Moment) {
         self.shared.inbox.taken(json.len());
-        let message = match StateMessage::read(&json.to_bytes()) {
+        let message = match read_state(of, json) {
             Ok(message) => message,
-            Err(error) => return tracing::warn!(%error, "an unreadable state was ignored"),
+            Err(error) => return self.say_ignored(of, &error),
         };
-        let (task, ..) = message.owner();
-        if self.closed.contains(task) {
+        if self.closed.contains(of) {
             return;
         }
         match message {
-            StateMessage::Full(state) => self.records.put_state(*state),
+            StateMessage::Full(state) => {
+                if let Err(error) = self.records.put_state(*state, received) {
+                    return self.say_ignored(of, &error);
+                }
+                if let Some(record) = self.records.get_mut(of) {
+                    record.owned |= self.owners.contains_key(of);
+                }
+            }
             StateMessage::Progress(news) => {
-                let known = self.records.put_progress(&news);
+                let known = self.records.put_progress(&news, received);
                 if !known && self.owners.contains_key(&news.task) {
                     self.ask_state(&news.task);
                 }
@@ -242,23 +287,38 @@ impl Standby {
         }
     }
 
-    /// Looks after what is lost, released or incomplete. Returns whether it will not be long before there is something to do.
-    fn look(&mut self) -> bool {
+    /// Somebody publishes what no worker would: said, but not as often as it comes.
+    fn say_ignored(&self, task: &TaskKey, error: &str) {
+        if let Some(left_out) = self.unreadable.admit(0, self.shared.now()) {
+            tracing::warn!(%task, error, left_out, "a state was ignored");
+        }
+    }
+
+    /// Looks after what is lost, released or incomplete. Returns how long there will be nothing to do, if no news come.
+    fn look(&mut self) -> Duration {
         let now = self.shared.now();
+        self.yield_what_others_have();
         self.ask_for_what_is_missing(now);
-        let past = |since: Option<Moment>, limit| since.is_some_and(|since| now.saturating_sub(since) > limit);
-        let released =
-            |record: &Record| past(record.released, RELEASED) || !record.is_complete() && past(record.lost, INCOMPLETE);
-        let over: Vec<TaskKey> =
-            self.records.iter().filter(|(_, record)| released(record)).map(|(task, _)| task.clone()).collect();
-        over.iter().for_each(|task| {
-            self.records.remove(task);
-        });
+        self.records.forget(|record| record.is_over(now));
         let lost: Vec<TaskKey> =
             self.records.iter().filter(|(_, record)| record.lost.is_some()).map(|(task, _)| task.clone()).collect();
-        lost.iter().for_each(|task| self.follow(task, now));
+        for task in &lost {
+            // Each at its own time, and news in between: decoding a target takes long enough for another worker to take the next task.
+            if self.follow(task, self.shared.now()) == Followed::Slowly {
+                return Duration::ZERO;
+            }
+        }
         let soon = |record: &Record| record.lost.is_some_and(|lost| now.saturating_sub(lost) < SOON);
-        self.records.iter().any(|(_, record)| soon(record))
+        if self.records.iter().any(|(_, record)| soon(record)) { BUSY } else { QUIET }
+    }
+
+    /// A newer owner's token may have come before the own task could be seen, or have found no room among the news.
+    fn yield_what_others_have(&mut self) {
+        for desk in self.shared.desks() {
+            if let Some((epoch, worker)) = self.shared.inbox.newest_owner(&desk.key) {
+                self.yield_to_newer(&desk, epoch, &worker);
+            }
+        }
     }
 
     /// Owners whose states or targets are not here; each is asked once in a while.
@@ -301,7 +361,7 @@ impl Standby {
         let (shared, of) = (Arc::clone(&self.shared), task.clone());
         let answer = move |reply: Reply| {
             if let Ok(sample) = reply.result() {
-                shared.inbox.put_state(&of, sample);
+                shared.inbox.put_state(&of, sample, shared.now());
             }
         };
         let asked = self
@@ -323,5 +383,14 @@ impl Standby {
     /// Every task of others: a question that lands here instead of there is not answered with "no such task".
     fn known(&self) -> impl Iterator<Item = &TaskKey> {
         self.owners.keys().chain(self.records.iter().map(|(task, _)| task))
+    }
+}
+
+/// A message on the `state` of a task, which must be of that task.
+fn read_state(of: &TaskKey, json: &ZBytes) -> Result<StateMessage, String> {
+    let message = StateMessage::read(&json.to_bytes()).map_err(|error| error.to_string())?;
+    match message.owner() {
+        (task, ..) if task == of => Ok(message),
+        (task, ..) => Err(format!("it is of task {task}")),
     }
 }

@@ -13,6 +13,8 @@ use domvs_proto::keys::{Keys, Name};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep};
+use zenoh::query::{ConsolidationMode, QueryTarget};
+use zenoh::sample::Locality;
 use zenoh::{Config, Session};
 
 use crate::config::ServerConfig;
@@ -51,9 +53,14 @@ impl Service {
         // Before any worker runs: the address may be taken. It outlives the workers, as the counters do.
         let metrics = open_metrics(&config, &counted).await?;
         let (states, carried) = open_states(&config)?;
-        let first = Worker::start(config.clone(), session, carried, states.clone(), Arc::clone(&counted)).await?;
+        let started = Worker::start(config.clone(), session.clone(), carried, states.clone(), Arc::clone(&counted));
+        let (first, next) = (started.await?, Next { config, zenoh, states, metrics: counted });
+        if let Err(error) = keep_name(&next.config, &session, &worker).await {
+            first.shutdown(next.end()).await;
+            return Err(error);
+        }
         let (end, ended) = oneshot::channel();
-        let supervisor = tokio::spawn(supervise(Next { config, zenoh, states, metrics: counted }, first, ended));
+        let supervisor = tokio::spawn(supervise(next, first, ended));
         Ok(Service { worker, metrics, end, supervisor })
     }
 
@@ -170,6 +177,32 @@ async fn free_name(config: &ServerConfig, session: &Session) -> Result<Name, Ser
         }
         sleep(PAUSE).await;
     }
+}
+
+/// Two workers of one name that start together may both look before either can be seen, so each looks again when it can be. The one
+/// whose session has the greater identifier ends. The other waits for that, and ends too if it does not come: it was not seen.
+async fn keep_name(config: &ServerConfig, session: &Session, name: &Name) -> Result<(), ServiceError> {
+    let keys = Keys::new(&config.prefix)?;
+    let own = session.zid().to_le_bytes();
+    let looked = Instant::now();
+    while let Some(other) = namesakes(session, &keys, name).await?.into_iter().min() {
+        if other < own || looked.elapsed() > NAME_LIMIT {
+            return Err(ServiceError::NameTaken { worker: name.clone(), rival: name.clone() });
+        }
+        sleep(PAUSE).await;
+    }
+    Ok(())
+}
+
+/// The sessions of the other workers of this name.
+async fn namesakes(session: &Session, keys: &Keys, name: &Name) -> Result<Vec<[u8; 16]>, ServiceError> {
+    let asked = session.get(keys.worker_info(name)).target(QueryTarget::All).consolidation(ConsolidationMode::None);
+    let answers = asked.allowed_destination(Locality::Remote).timeout(TOKENS).await?;
+    let mut sessions = vec![];
+    while let Ok(answer) = answers.recv_async().await {
+        sessions.extend(answer.replier_id().map(|replier| replier.zid().to_le_bytes()));
+    }
+    Ok(sessions)
 }
 
 fn is_rival(name: &Name, other: &Name) -> bool {

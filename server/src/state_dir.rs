@@ -221,15 +221,18 @@ fn remove_file(folder: &Path, name: &str) -> io::Result<()> {
 
 fn read(path: &Path, name: &str) -> Result<Carried, String> {
     let bytes = fs::read(path).map_err(|error| error.to_string())?;
-    let (mut state, target) = state_file::decode(&bytes).map_err(|error| error.to_string())?;
+    let (state, target) = state_file::decode(&bytes).map_err(|error| error.to_string())?;
     if file_name(&state.task) != name {
         return Err(format!("it is the file of task {}", state.task));
     }
-    // Nothing moves after a restart before somebody says so.
-    if state.progress.phase == Phase::Running {
-        (state.progress.phase, state.progress.status) = (Phase::Latched(Status::Paused), Status::Paused);
+    let begins_by_itself = state.settings.autostart && state.target.is_some();
+    let phase = state.progress.phase;
+    let mut carried = Carried { state, target };
+    // Nothing moves after a restart before somebody says so, not by its first frame either.
+    if phase == Phase::Running || phase == Phase::Idle && begins_by_itself {
+        carried.latch(Status::Paused);
     }
-    Ok(Carried { state, target })
+    Ok(carried)
 }
 
 /// Keeps a file that cannot be used under another name. Returns what to say about it.
@@ -277,6 +280,23 @@ mod tests {
         states.remove(&state.task);
         states.close(LIMIT);
         assert!(reopen(folder.path()).1.is_empty(), "a closed task does not come back");
+    }
+
+    #[test]
+    fn what_would_start_by_its_first_frame_is_paused_by_a_restart() {
+        for (autostart, payload, phase) in [
+            (true, Some(&[5; 64][..]), Phase::Latched(Status::Paused)),
+            (false, Some(&[5; 64][..]), Phase::Idle),
+            (true, None, Phase::Idle),
+        ] {
+            let folder = tempfile::tempdir().expect("a folder");
+            let (states, _) = reopen(folder.path());
+            let (mut state, target) = task(payload);
+            (state.progress.phase, state.settings.autostart) = (Phase::Idle, autostart);
+            states.save(state, target);
+            states.close(LIMIT);
+            assert_eq!(reopen(folder.path()).1[0].state.progress.phase, phase, "{autostart}");
+        }
     }
 
     #[test]

@@ -25,15 +25,13 @@ use crate::error::ServiceError;
 use crate::metrics::{Asked, Dropped, Event, Metrics};
 use crate::pool::Pool;
 use crate::record::{RecordCounts, Recorder};
-use crate::registrar::{Job, Registrar};
+use crate::registrar::{Creation, Job, Jobs, Registrar};
 use crate::replica::{self, Carried, Inbox, Listening, Standby};
 use crate::state_dir::StateDir;
 use crate::tenants::{Doing, Tenants};
 use crate::throttle::Throttle;
 use crate::{Moment, clock};
 
-/// Jobs that may wait for the registrar; more are dropped, and their clients see an empty answer.
-const JOBS: usize = 256;
 /// Frames that may wait for the disk.
 const RECORDED_FRAMES: usize = 64;
 /// What the last zeros get before the session ends: Zenoh sends the end of a token before any data that waits.
@@ -74,12 +72,16 @@ pub(crate) struct Shared {
     pub(crate) closed: JustClosed,
     /// How many tokens of clients there are, counted only.
     clients: AtomicI64,
-    jobs: flume::Sender<Job>,
+    jobs: Jobs,
+    /// When a stop for all was last heard.
+    stop_heard: Mutex<Option<Moment>>,
     /// What is heard of other workers and their tasks.
     pub(crate) inbox: Inbox,
     /// Where the tasks are kept over a restart.
     pub(crate) states: Option<Arc<StateDir>>,
     fenced: Notify,
+    /// When the last act began.
+    leaving_since: Mutex<Option<Moment>>,
     /// The tasks that were owned to the end.
     carried: Mutex<Vec<Carried>>,
     origin: Instant,
@@ -106,7 +108,7 @@ impl Worker {
         states: Option<Arc<StateDir>>,
         metrics: Arc<Metrics>,
     ) -> Result<Worker, ServiceError> {
-        let (jobs, waiting) = flume::bounded(JOBS);
+        let (jobs, waiting) = Jobs::new();
         let (inbox, news) = Inbox::new(config.replica.bytes);
         let (clerks, trays) = Clerks::new();
         let shared = Arc::new(Shared::new(config, session, jobs, clerks, inbox, states, metrics)?);
@@ -165,7 +167,7 @@ impl Worker {
         tokio::join!(self.shared.close_session(), self.shared.close_recording(), meanwhile);
         self.shared.metrics.keep_recorded(self.shared.recorded());
         tracing::info!(worker = %self.shared.worker, "stopped");
-        std::mem::take(&mut *lock(&self.shared.carried))
+        self.shared.carried()
     }
 }
 
@@ -173,7 +175,7 @@ impl Shared {
     fn new(
         config: ServerConfig,
         session: Session,
-        jobs: flume::Sender<Job>,
+        jobs: Jobs,
         clerks: Clerks,
         inbox: Inbox,
         states: Option<Arc<StateDir>>,
@@ -202,9 +204,11 @@ impl Shared {
             closed: JustClosed::default(),
             clients: AtomicI64::new(0),
             jobs,
+            stop_heard: Mutex::default(),
             inbox,
             states,
             fenced: Notify::new(),
+            leaving_since: Mutex::default(),
             carried: Mutex::default(),
             origin: Instant::now(),
             wall_origin_ns: u64::try_from(wall.as_nanos()).unwrap_or(u64::MAX),
@@ -287,12 +291,24 @@ impl Shared {
         self.clients.load(Ordering::Acquire) > 0
     }
 
-    /// Hands a job to the registrar without waiting. A job that finds no room is dropped: its client sees an
-    /// empty answer and asks again, and the clock asks again for a closing. Returns whether there was room.
+    /// Stops every task that is here, and those that come while it is not known whether their owner heard this too.
+    fn stop_all(&self) {
+        // Noted first: whoever opens a task now looks at this after the task can be seen here.
+        *lock(&self.stop_heard) = Some(self.now());
+        self.desks().iter().for_each(|desk| desk.request_halt(Status::Stopped));
+    }
+
+    /// Whether a stop for all has been heard since then.
+    pub(crate) fn is_stopped_since(&self, since: Moment) -> bool {
+        lock(&self.stop_heard).is_some_and(|heard| heard >= since)
+    }
+
+    /// Hands a job to the registrar without waiting. One that finds no room is dropped: the clock asks again for a closing, the standby
+    /// for a takeover. Returns whether there was room.
     pub(crate) fn give(&self, job: Job) -> bool {
-        let given = self.jobs.try_send(job).is_ok();
+        let given = self.jobs.give(job);
         if !given {
-            self.dropped_note("a request to create or close a task");
+            self.dropped_note("a task to close or to take over");
         }
         given
     }
@@ -333,6 +349,7 @@ impl Shared {
     /// The clock's last act, so that a service which is only dropped ends in the same way: zeros at once, then the
     /// threads, then the last words, then the keys.
     fn end(&self) {
+        *lock(&self.leaving_since) = Some(self.now());
         for desk in self.desks() {
             desk.leaving.store(true, Ordering::Release);
             desk.request_halt(Status::OwnerLost);
@@ -343,8 +360,7 @@ impl Shared {
         self.hand_over();
         self.desks().iter().for_each(|desk| desk.say_last_words(self.now()));
         std::thread::sleep(HEAD_START);
-        // The registrar empties its queue before it sees this.
-        if self.jobs.send_timeout(Job::Shutdown, Duration::from_millis(200)).is_err() {
+        if !self.jobs.end(Duration::from_millis(200)) {
             tracing::warn!("the registrar is busy; it ends with the session");
         }
     }
@@ -356,11 +372,33 @@ impl Shared {
                 self.states.iter().for_each(|states| states.remove(&desk.key));
                 continue;
             }
-            let task = lock(&desk.task);
+            // What the pool had no time to obey, the next owner must.
+            let waiting = lock(&desk.halt).take();
+            let missed = waiting.filter(|status| !matches!(status, Status::OwnerLost | Status::Superseded));
+            let mut task = lock(&desk.task);
+            if let Some(status) = missed.or_else(|| self.stopped_while_leaving()) {
+                task.latch(status);
+                lock(&desk.board).say(status, None);
+            }
             let state = desk.state(&task);
             desk.publish_state(&task);
             lock(&self.carried).push(Carried { state, target: task.target().cloned() });
         }
+    }
+
+    /// `Stopped`, if a stop for all came after this worker had begun to leave: no `start` has been obeyed since.
+    fn stopped_while_leaving(&self) -> Option<Status> {
+        let since = *lock(&self.leaving_since);
+        since.filter(|since| self.is_stopped_since(*since)).map(|_| Status::Stopped)
+    }
+
+    /// What the next session goes on with, stopped if that was the last thing that this one heard.
+    fn carried(&self) -> Vec<Carried> {
+        let mut carried = std::mem::take(&mut *lock(&self.carried));
+        if let Some(status) = self.stopped_while_leaving() {
+            carried.iter_mut().for_each(|carried| carried.latch(status));
+        }
+        carried
     }
 
     pub(crate) fn info(&self) -> WorkerInfo {
@@ -403,7 +441,7 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
     };
     let stop = {
         let shared = Arc::clone(shared);
-        move |_: Sample| shared.desks().iter().for_each(|desk| desk.request_halt(Status::Stopped))
+        move |_: Sample| shared.stop_all()
     };
     let unclaimed = {
         let shared = Arc::clone(shared);
@@ -420,7 +458,7 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
         move |sample: Sample| {
             let more = if sample.kind() == SampleKind::Put { 1 } else { -1 };
             if more > 0 {
-                shared.spent.heard();
+                shared.spent.add(sample.key_expr());
             }
             shared.clients.fetch_add(more, Ordering::AcqRel);
         }
@@ -438,21 +476,21 @@ async fn declare(shared: &Arc<Shared>) -> zenoh::Result<(Vec<Queryable<()>>, Vec
     Ok((queryables, subscribers))
 }
 
-/// A client that creates too fast is told so, and takes no other's place at the registrar. A name that is none has no account: the
-/// registrar says so.
+/// A name that is none, and a client that creates too fast, are told so here, and take nobody's place at the registrar.
 fn enqueue_create(shared: &Shared, query: Query) {
     shared.metrics.asked(Asked::Create);
-    let client = shared.keys.parse_create(query.key_expr().as_str()).map(|(_, client)| client);
+    let refuse = |query, error| shared.note(Asker::Stranger, Note::Refused(query, error));
+    let Some((_, client)) = shared.keys.parse_create(query.key_expr().as_str()) else {
+        let error = format!("{} has no client name of 1 to 64 of A-Z a-z 0-9 _ -", query.key_expr());
+        return refuse(query, ErrorReply::new(ErrorCode::BadName, error));
+    };
     let now = shared.now();
-    let may = client.map_or(Ok(()), |client| shared.tenants.of(&client, now).may(Doing::Creation, now));
-    match may {
-        Ok(()) => {
-            shared.give(Job::Create(query));
-        }
-        Err(error) => {
-            let error = ErrorReply::new(ErrorCode::Quota, error);
-            shared.note(Asker::Stranger, Note::Refused(query, error));
-        }
+    if let Err(error) = shared.tenants.of(&client, now).may(Doing::Creation, now) {
+        return refuse(query, ErrorReply::new(ErrorCode::Quota, error));
+    }
+    // One that finds no room is dropped: its client sees an empty answer and asks again.
+    if !shared.jobs.create(Creation { query, client }) {
+        shared.dropped_note("a request to create a task");
     }
 }
 
@@ -466,3 +504,6 @@ async fn join(thread: JoinHandle<()>) {
         tracing::error!("a thread of the worker ended by a panic");
     }
 }
+
+#[cfg(test)]
+mod tests;

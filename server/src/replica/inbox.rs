@@ -1,6 +1,6 @@
 //! What reaches the standby's thread: callbacks put news here and return, and never decode any.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -23,6 +23,10 @@ const NEWS: usize = 16_384;
 const ASKING: Duration = Duration::from_secs(1);
 /// Tasks for which that is remembered.
 const ASKED: usize = 4096;
+/// Tasks whose owners' tokens are remembered: no session has numbers for more keys.
+const OWNED: usize = 65_536;
+/// Of one task, the newest. There are two for a moment.
+const OWNERS: usize = 16;
 
 /// One piece of news.
 pub(crate) enum Event {
@@ -30,8 +34,8 @@ pub(crate) enum Event {
     Worker { worker: Name, alive: bool },
     /// An owner's token.
     Owner { task: TaskKey, worker: Name, epoch: u32, alive: bool },
-    /// A JSON message on `state`.
-    State(ZBytes),
+    /// A JSON message on the `state` of this task.
+    State { task: TaskKey, json: ZBytes, received: Moment },
     /// A target on `state`.
     Target { task: TaskKey, picture: Picture },
     /// A link of this worker came up.
@@ -55,6 +59,8 @@ pub(crate) struct Inbox {
     bytes: AtomicUsize,
     dropped: AtomicU64,
     known: Mutex<HashSet<String>>,
+    /// Live owners of tasks, this worker not among them, as soon as their tokens come.
+    owners: Mutex<HashMap<TaskKey, BTreeSet<(u32, Name)>>>,
     records: AtomicUsize,
     others: AtomicUsize,
     asked: Mutex<BTreeMap<TaskKey, Moment>>,
@@ -69,6 +75,7 @@ impl Inbox {
             bytes: AtomicUsize::new(0),
             dropped: AtomicU64::new(0),
             known: Mutex::default(),
+            owners: Mutex::default(),
             records: AtomicUsize::new(0),
             others: AtomicUsize::new(0),
             asked: Mutex::default(),
@@ -91,7 +98,7 @@ impl Inbox {
     }
 
     /// A message on `state`: a target if it has an attachment, JSON if not.
-    pub(crate) fn put_state(&self, task: &TaskKey, sample: &Sample) {
+    pub(crate) fn put_state(&self, task: &TaskKey, sample: &Sample, received: Moment) {
         let size = sample.payload().len();
         if self.bytes.fetch_add(size, Ordering::AcqRel) + size > self.most_bytes {
             self.taken(size);
@@ -99,7 +106,9 @@ impl Inbox {
             return;
         }
         let payload = sample.payload().clone();
-        let Some(attachment) = sample.attachment() else { return self.put_or_forget(Event::State(payload), size) };
+        let Some(attachment) = sample.attachment() else {
+            return self.put_or_forget(Event::State { task: task.clone(), json: payload, received }, size);
+        };
         match FrameHeader::decode(&attachment.to_bytes()) {
             Ok(header) => {
                 let picture = Picture { header, encoding: sample.encoding().to_string(), payload };
@@ -149,6 +158,28 @@ impl Inbox {
         lock(&self.known).contains(task)
     }
 
+    /// An owner's token, of another worker, has come or gone.
+    fn note_owner(&self, task: &TaskKey, owner: (u32, Name), alive: bool) {
+        let mut owners = lock(&self.owners);
+        if alive && (owners.len() < OWNED || owners.contains_key(task)) {
+            let tokens = owners.entry(task.clone()).or_default();
+            tokens.insert(owner);
+            if tokens.len() > OWNERS {
+                tokens.pop_first();
+            }
+        } else if let Some(tokens) = owners.get_mut(task) {
+            tokens.remove(&owner);
+            if tokens.is_empty() {
+                owners.remove(task);
+            }
+        }
+    }
+
+    /// The other worker that has the task now, the newest if there are several.
+    pub(crate) fn newest_owner(&self, task: &TaskKey) -> Option<(u32, Name)> {
+        lock(&self.owners).get(task).and_then(|owners| owners.last().cloned())
+    }
+
     /// Whether there are other workers, whose news may be on their way.
     pub(crate) fn has_others(&self) -> bool {
         self.others.load(Ordering::Relaxed) > 0
@@ -186,7 +217,7 @@ pub(crate) async fn declare(shared: &Arc<Shared>) -> zenoh::Result<Listening> {
         let shared = Arc::clone(shared);
         move |sample: Sample| {
             if let Some((task, Leaf::State)) = shared.keys.parse_task(sample.key_expr().as_str()) {
-                shared.inbox.put_state(&task, &sample);
+                shared.inbox.put_state(&task, &sample, shared.now());
             }
         }
     };
@@ -213,10 +244,11 @@ pub(crate) async fn declare(shared: &Arc<Shared>) -> zenoh::Result<Listening> {
 fn note_owner(shared: &Shared, sample: &Sample) {
     let Some((task, worker, epoch)) = shared.keys.parse_owner(sample.key_expr().as_str()) else { return };
     let alive = sample.kind() == SampleKind::Put;
+    if worker != shared.worker {
+        shared.inbox.note_owner(&task, (epoch, worker.clone()), alive);
+    }
     if alive {
-        if worker != shared.worker {
-            shared.spent.heard();
-        }
+        shared.spent.add(sample.key_expr());
         // At once, whatever the standby's thread is doing: nothing more moves by this worker's word.
         let own = lock(&shared.desks).get(&task.to_string()).cloned();
         own.filter(|desk| epoch > desk.epoch).inspect(|desk| desk.supersede());

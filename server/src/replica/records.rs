@@ -8,6 +8,7 @@ use domvs_proto::frame::FrameHeader;
 use domvs_proto::keys::TaskKey;
 use domvs_proto::messages::{TaskProgress, TaskState};
 
+use super::{INCOMPLETE, RELEASED, UNOWNED};
 use crate::Moment;
 use crate::task::{SentTarget, Task};
 
@@ -30,10 +31,16 @@ pub(crate) struct Record {
     pub(crate) asked: Option<Moment>,
     /// A takeover was begun then.
     pub(crate) taken: Option<Moment>,
+    /// An owner's token has been seen.
+    pub(crate) owned: bool,
+    /// When the state first came.
+    pub(crate) since: Moment,
+    /// When the owner last said something.
+    pub(crate) heard: Moment,
 }
 
 impl Record {
-    pub(crate) fn new(state: TaskState) -> Record {
+    pub(crate) fn new(state: TaskState, now: Moment) -> Record {
         Record {
             state,
             target: None,
@@ -44,7 +51,18 @@ impl Record {
             released: None,
             asked: None,
             taken: None,
+            owned: false,
+            since: now,
+            heard: now,
         }
+    }
+
+    /// Whether nobody will own it any more: it was given up, its target never came, or it never had an owner that could be seen.
+    pub(crate) fn is_over(&self, now: Moment) -> bool {
+        let past = |since: Option<Moment>, limit| since.is_some_and(|since| now.saturating_sub(since) > limit);
+        past(self.released, RELEASED)
+            || !self.is_complete() && past(self.lost, INCOMPLETE)
+            || !self.own && !self.owned && past(Some(self.since), UNOWNED)
     }
 
     /// Whether all is here that a new owner needs.
@@ -93,14 +111,23 @@ impl Records {
         self.by_task.len()
     }
 
-    /// Takes a whole state, unless a newer owner's is known. What was made for other settings or another target goes.
-    pub(crate) fn put_state(&mut self, state: TaskState) {
+    /// Takes a whole state, unless a newer owner's is known, or the task was this worker's and nobody else's token has come. What was
+    /// made for other settings or another target goes.
+    ///
+    /// Fails for a known task with another secret: a task keeps its secret, whoever owns it.
+    pub(crate) fn put_state(&mut self, state: TaskState, received: Moment) -> Result<(), String> {
         let Some(record) = self.by_task.get_mut(&state.task) else {
-            return self.insert(Record::new(state));
+            self.insert(Record::new(state, received));
+            return Ok(());
         };
-        if (state.epoch, state.revision) < (record.state.epoch, record.state.revision) {
-            return;
+        let secrets = |state: &TaskState| (state.secret_hash, state.frame_secret_hash);
+        if secrets(&state) != secrets(&record.state) {
+            return Err(format!("worker {} says another secret than the one that the task has", state.worker));
         }
+        if record.own || (state.epoch, state.revision) < (record.state.epoch, record.state.revision) {
+            return Ok(());
+        }
+        record.heard = received;
         let before = record.bytes();
         let same_target = state.target == record.state.target;
         if !same_target {
@@ -111,14 +138,17 @@ impl Records {
         }
         record.state = state;
         self.bytes = self.bytes - before + record.bytes();
+        Ok(())
     }
 
     /// Takes the small part of a known task. Returns whether the rest of it is known as its owner last said it.
-    pub(crate) fn put_progress(&mut self, news: &TaskProgress) -> bool {
+    pub(crate) fn put_progress(&mut self, news: &TaskProgress, received: Moment) -> bool {
         let Some(record) = self.by_task.get_mut(&news.task) else { return false };
         let known = &mut record.state;
-        if known.epoch == news.epoch && known.worker == news.worker {
+        // What was said before the whole that is known is over: a pause, say.
+        if !record.own && known.epoch == news.epoch && known.worker == news.worker && news.revision >= known.revision {
             known.progress = news.progress;
+            record.heard = received;
         }
         (known.epoch, known.revision) >= (news.epoch, news.revision)
     }
@@ -160,6 +190,13 @@ impl Records {
         self.by_task.insert(key, record);
     }
 
+    /// Forgets every task of which this is true.
+    pub(crate) fn forget(&mut self, over: impl Fn(&Record) -> bool) {
+        let tasks: Vec<TaskKey> =
+            self.iter().filter(|(_, record)| over(record)).map(|(task, _)| task.clone()).collect();
+        tasks.iter().for_each(|task| _ = self.remove(task));
+    }
+
     pub(crate) fn remove(&mut self, task: &TaskKey) -> Option<Record> {
         let record = self.by_task.remove(task)?;
         self.bytes -= record.bytes();
@@ -169,6 +206,8 @@ impl Records {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use domvs_proto::frame::{PixelFormat, Secret};
     use domvs_proto::messages::{FramesDropped, Phase, Progress, TargetReference};
     use domvs_proto::settings::{Camera, TaskSettings};
@@ -193,6 +232,12 @@ mod tests {
     fn news(epoch: u32, revision: u64, twists: u64) -> TaskProgress {
         let TaskState { task, worker, .. } = state(1, epoch, None);
         TaskProgress { task, worker, epoch, revision, progress: progress(twists) }
+    }
+
+    const NOW: Moment = Duration::from_secs(100);
+
+    fn put(records: &mut Records, state: TaskState) {
+        records.put_state(state, NOW).expect("its secret");
     }
 
     fn header() -> FrameHeader {
@@ -224,7 +269,7 @@ mod tests {
         let mut records = Records::new(10, 1 << 20);
         let state = state(1, 5, Some(&[1; 64]));
         let task = state.task.clone();
-        records.put_state(state);
+        put(&mut records, state);
         records.put_target(&task, header(), String::new(), vec![2; 64]);
         assert!(!records.get(&task).expect("known").is_complete(), "another target");
         records.put_target(&task, header(), String::new(), vec![1; 64]);
@@ -235,29 +280,79 @@ mod tests {
     fn an_older_owner_changes_nothing() {
         let mut records = Records::new(10, 1 << 20);
         let task = state(1, 5, None).task;
-        records.put_state(state(1, 5, None));
-        records.put_state(state(1, 4, Some(&[1; 64])));
-        assert!(records.put_progress(&news(4, 9, 9)), "nothing is missing");
+        put(&mut records, state(1, 5, None));
+        put(&mut records, state(1, 4, Some(&[1; 64])));
+        assert!(records.put_progress(&news(4, 9, 9), NOW), "nothing is missing");
         let known = &records.get(&task).expect("known").state;
         assert_eq!((known.epoch, known.progress.twists, known.target.is_none()), (5, 0, true));
-        assert!(!records.put_progress(&news(6, 1, 9)), "a newer owner's state is missing");
+        assert!(!records.put_progress(&news(6, 1, 9), NOW), "a newer owner's state is missing");
     }
 
     #[test]
     fn a_revision_that_was_missed_is_noticed() {
         let mut records = Records::new(10, 1 << 20);
         let task = state(1, 5, None).task;
-        assert!(!records.put_progress(&news(5, 1, 3)), "nothing is known");
-        records.put_state(state(1, 5, None));
-        assert!(records.put_progress(&news(5, 1, 4)));
+        assert!(!records.put_progress(&news(5, 1, 3), NOW), "nothing is known");
+        put(&mut records, state(1, 5, None));
+        assert!(records.put_progress(&news(5, 1, 4), NOW));
         assert_eq!(records.get(&task).expect("known").state.progress.twists, 4);
-        assert!(!records.put_progress(&news(5, 2, 5)), "the settings have changed meanwhile");
+        assert!(!records.put_progress(&news(5, 2, 5), NOW), "the settings have changed meanwhile");
+    }
+
+    #[test]
+    fn a_task_keeps_its_secret_whatever_a_newer_state_says() {
+        let mut records = Records::new(10, 1 << 20);
+        put(&mut records, state(1, 5, None));
+        let stolen = Secret::new([8; 16]);
+        for forged in [
+            TaskState { secret_hash: stolen.hash(), revision: 1 << 63, ..state(1, 5, None) },
+            TaskState { frame_secret_hash: stolen.hash(), ..state(1, 6, None) },
+        ] {
+            let task = forged.task.clone();
+            assert!(records.put_state(forged, NOW).expect_err("refused").contains("secret"));
+            assert_eq!(records.get(&task).expect("known").state, state(1, 5, None));
+        }
+    }
+
+    #[test]
+    fn what_was_this_workers_own_is_changed_by_nobody_before_another_owners_token() {
+        let mut records = Records::new(10, 1 << 20);
+        let task = state(1, 5, None).task;
+        records.insert_own(Record { own: true, ..Record::new(state(1, 5, None), NOW) });
+        put(&mut records, TaskState { revision: 9, ..state(1, 7, Some(&[1; 64])) });
+        records.put_progress(&news(5, 9, 9), NOW);
+        assert_eq!(records.get(&task).expect("known").state, state(1, 5, None));
+        records.get_mut(&task).expect("known").own = false;
+        put(&mut records, TaskState { revision: 9, ..state(1, 7, Some(&[1; 64])) });
+        assert_eq!(records.get(&task).expect("known").state.epoch, 7);
+    }
+
+    #[test]
+    fn progress_of_before_the_whole_that_is_known_changes_nothing() {
+        let mut records = Records::new(10, 1 << 20);
+        let task = state(1, 5, None).task;
+        put(&mut records, TaskState { revision: 2, ..state(1, 5, None) });
+        assert!(records.put_progress(&news(5, 1, 9), NOW), "nothing is missing");
+        assert_eq!(records.get(&task).expect("known").state.progress.twists, 0);
+    }
+
+    #[test]
+    fn a_state_without_an_owner_is_forgotten() {
+        let mut records = Records::new(10, 1 << 20);
+        (1..=3).for_each(|id| put(&mut records, state(id, 5, None)));
+        records.get_mut(&state(2, 5, None).task).expect("known").owned = true;
+        records.get_mut(&state(3, 5, None).task).expect("known").own = true;
+        records.forget(|record| record.is_over(NOW + UNOWNED));
+        assert_eq!(records.len(), 3);
+        records.forget(|record| record.is_over(NOW + UNOWNED + Duration::from_millis(1)));
+        assert_eq!(records.len(), 2);
+        assert!(records.get(&state(1, 5, None).task).is_none());
     }
 
     #[test]
     fn tasks_and_bytes_are_bounded_and_what_goes_makes_room() {
         let mut records = Records::new(2, 100_000);
-        (1..=3).for_each(|id| records.put_state(state(id, 1, Some(&[id as u8; 90_000]))));
+        (1..=3).for_each(|id| put(&mut records, state(id, 1, Some(&[id as u8; 90_000]))));
         assert_eq!((records.len(), records.left_out), (2, 1));
         let tasks = [1, 2].map(|id| state(id, 1, None).task);
         for (task, id) in tasks.iter().zip([1, 2]) {

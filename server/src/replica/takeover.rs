@@ -4,59 +4,74 @@ use domvs_proto::keys::TaskKey;
 use zenoh::Wait;
 
 use super::records::Record;
-use super::{AGAIN, ALONE, JOINING, Mode, SETTLING, Standby, TURN, epoch, rendezvous};
+use super::{AGAIN, ALONE, DOUBT, JOINING, Mode, SETTLING, Standby, TURN, epoch, rendezvous};
 use crate::Moment;
 use crate::desk::lock;
 use crate::ownership::SecretCheck;
 use crate::registrar::{Adoption, Job, Seed, decode_limits};
 use crate::task::Task;
 
+/// How much time a look at a lost task took.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Followed {
+    Quickly,
+    /// Its target had to be decoded.
+    Slowly,
+}
+
 impl Standby {
     /// Takes a lost task if it is this worker's turn.
-    pub(super) fn follow(&mut self, task: &TaskKey, now: Moment) {
+    pub(super) fn follow(&mut self, task: &TaskKey, now: Moment) -> Followed {
         if lock(&self.shared.desks).contains_key(&task.to_string()) {
             self.records.remove(task);
-            return;
+            return Followed::Quickly;
         }
-        let Some(record) = self.records.get(task) else { return };
+        let Some(record) = self.records.get(task) else { return Followed::Quickly };
         let lost = record.lost.unwrap_or(now);
         let rank = rendezvous::rank(task, &self.shared.worker, self.workers.iter());
         let settling = if self.hears_others() { SETTLING } else { ALONE };
         let turn = lost + settling + TURN * rank as u32;
         let waits = record.taken.is_some_and(|taken| now.saturating_sub(taken) < AGAIN);
-        if now < turn || now < self.joined + JOINING || waits || !record.is_complete() {
-            return;
+        let is_early = now < turn || now < self.joined + JOINING || waits || !record.is_complete();
+        if is_early || self.shared.inbox.newest_owner(task).is_some() {
+            return Followed::Quickly;
         }
         if self.is_isolated() {
             self.joined = now;
-            return;
+            return Followed::Quickly;
         }
         if !self.has_room_for(task) {
-            return;
+            return Followed::Quickly;
         }
-        self.take_over(task, lost, now);
+        self.take_over(task, lost, now)
     }
 
-    fn take_over(&mut self, task: &TaskKey, lost: Moment, now: Moment) {
+    fn take_over(&mut self, task: &TaskKey, lost: Moment, now: Moment) -> Followed {
         let shared = std::sync::Arc::clone(&self.shared);
-        let Some(record) = self.records.get_mut(task) else { return };
+        let Some(record) = self.records.get_mut(task) else { return Followed::Quickly };
         record.taken = Some(now);
         let Some(epoch) = epoch::next(record.state.epoch, &shared.worker) else {
-            return tracing::error!(%task, "the task has had 65535 owners and gets no other");
+            tracing::error!(%task, "the task has had 65535 owners and gets no other");
+            return Followed::Quickly;
         };
-        let made = match record.prepared.take() {
-            Some(prepared) => Ok(prepared),
-            None => prepare(record, &shared),
+        let (made, followed) = match record.prepared.take() {
+            Some(prepared) => (Ok(prepared), Followed::Quickly),
+            None => (prepare(record, &shared), Followed::Slowly),
         };
         let mut made = match made {
             Ok(made) => made,
-            Err(error) => return tracing::error!(%task, %error, "the target of a lost task cannot be used here"),
+            Err(error) => {
+                tracing::error!(%task, %error, "the target of a lost task cannot be used here");
+                return followed;
+            }
         };
         made.go_on(&record.state.progress);
         let secret = SecretCheck::by_hash(record.state.secret_hash);
         let frame_secret = SecretCheck::by_hash(record.state.frame_secret_hash);
-        let seed = Seed { key: task.clone(), epoch, secret, frame_secret, task: *made };
+        let stops_since = record.heard.saturating_sub(DOUBT);
+        let seed = Seed { key: task.clone(), epoch, secret, frame_secret, task: *made, stops_since };
         shared.give(Job::Adopt(Box::new(Adoption { seed, progress: record.state.progress, lost })));
+        followed
     }
 
     /// Whether this worker's limits allow the task. If not, the next one takes it.

@@ -2,11 +2,13 @@
 
 use std::time::Duration;
 
+use domvs_proto::frame::Secret;
 use domvs_proto::messages::{ErrorCode, Phase, TaskState};
 use domvs_proto::settings::{Frames, Gain, Limits};
 use domvs_server::config::{Limits as ServerLimits, Replica};
-use domvs_server::{ServerConfig, Service};
+use domvs_server::{ServerConfig, Service, ServiceError};
 use zenoh::Session;
+use zenoh::liveliness::LivelinessToken;
 
 use crate::support::{
     Answer, ClientError, Following, Question, Scene, Stage, Status, Task, TaskSettings, TwistMessage, ZEROS, code,
@@ -405,5 +407,143 @@ async fn tasks_of_a_worker_alone_outlive_its_restart_and_stand() {
     task.close().await.expect("closed");
     again.service.shutdown().await;
     assert_eq!(std::fs::read_dir(folder.path()).expect("readable").count(), 0, "a closed task leaves nothing");
+    stage.close().await;
+}
+
+/// An owner that says nothing by itself and obeys nobody, as one that hangs.
+struct Hung {
+    session: Session,
+    _tokens: [LivelinessToken; 2],
+}
+
+impl Hung {
+    /// It has a task like `model`, in this phase, and the standbys know.
+    async fn with(stage: &Stage, model: &TaskState, phase: Phase) -> (Hung, TaskState) {
+        let session = stage.stranger().await;
+        let mut state = TaskState { worker: name("hung"), epoch: 1 << 16, ..model.clone() };
+        state.task = "alice/0123456789abcdef".parse().expect("a task");
+        state.progress.phase = phase;
+        let alive = session.liveliness().declare_token(stage.keys.worker_alive(&state.worker)).await;
+        let owner = stage.keys.owner(&state.task, &state.worker, state.epoch);
+        let owner = session.liveliness().declare_token(owner).await;
+        let hung = Hung { session, _tokens: [alive.expect("declared"), owner.expect("declared")] };
+        hung.says(stage, &state).await;
+        (hung, state)
+    }
+
+    /// Until the standby knows it.
+    async fn says(&self, stage: &Stage, state: &TaskState) {
+        let json = serde_json::to_vec(state).expect("JSON");
+        in_time("the standby knows the task", async {
+            while info(stage, &self.session, "w1").await["standby"] != 1 {
+                self.session.put(stage.keys.state(&state.task), json.clone()).await.expect("open");
+            }
+        })
+        .await;
+    }
+}
+
+/// The state of this task under its next owner.
+async fn after(stage: &Stage, session: &Session, before: &TaskState) -> TaskState {
+    in_time("the next owner", async {
+        loop {
+            for answer in Question::on(stage.keys.state(&before.task)).ask_all(session).await {
+                if let Answer::Good { payload, .. } = answer {
+                    return serde_json::from_slice(&payload).expect("a state");
+                }
+            }
+        }
+    })
+    .await
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_for_all_that_a_hung_owner_did_not_hear_stops_its_task_under_the_next() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let witness = started(&client, &scene.settings(), &scene.target()).await;
+    let model = TaskState { target: None, ..state(&witness).await };
+    let (hung, lost) = Hung::with(&stage, &model, Phase::Running).await;
+    client.session().put(stage.keys.stop(), "").await.expect("open");
+    in_time("the standby has heard it", async {
+        let mut sequence = 0;
+        while witness.twist(&scene.frame(sequence)).await.expect("answered").status != Status::Stopped {
+            sequence += 1;
+        }
+    })
+    .await;
+    hung.session.close().await.expect("it closes");
+    let next = after(&stage, client.session(), &lost).await;
+    assert_eq!((next.worker, next.progress.phase), (name("w1"), Phase::Latched(Status::Stopped)));
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_for_all_right_before_the_end_of_a_worker_goes_on_with_the_task() {
+    let stage = Stage::open().await;
+    let second = Worker::join(&stage, "w2").await;
+    let client = stage.client("alice").await;
+    let mut scene = Scene::small("coffee");
+    let task = client.create_task_on(&name("w2"), &scene.settings()).await.expect("created");
+    task.set_target(&scene.target()).await.expect("set");
+    task.start().await.expect("started");
+    stands_by_for(&stage, client.session(), "w1", 1).await;
+    // From the worker's own session: heard before the next line.
+    second.session.put(stage.keys.stop(), "").await.expect("open");
+    second.service.shutdown().await;
+    let next = in_time("the next owner", async {
+        loop {
+            match task.state().await {
+                Ok(state) if state.worker == name("w1") => return state,
+                _ => tokio::task::yield_now().await,
+            }
+        }
+    })
+    .await;
+    assert_eq!(next.progress.phase, Phase::Latched(Status::Stopped));
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_forged_state_with_another_secret_does_not_give_a_task_away() {
+    let stage = Stage::open().await;
+    let client = stage.client("alice").await;
+    let scene = Scene::small("coffee");
+    let model = state(&client.create_task(&scene.settings()).await.expect("created")).await;
+    let (hung, lost) = Hung::with(&stage, &model, Phase::Idle).await;
+    let stolen = Secret::new([7; 16]);
+    let forged = TaskState { secret_hash: stolen.hash(), revision: 1 << 63, ..lost.clone() };
+    let mallory = stage.stranger().await;
+    let json = serde_json::to_vec(&forged).expect("JSON");
+    mallory.put(stage.keys.state(&lost.task), json.clone()).await.expect("open");
+    // Nor under another task's key.
+    mallory.put(stage.keys.state(&model.task), json).await.expect("open");
+    mallory.close().await.expect("it closes");
+    hung.session.close().await.expect("it closes");
+    let next = after(&stage, client.session(), &lost).await;
+    assert_eq!((next.secret_hash, next.worker), (lost.secret_hash, name("w1")));
+    stage.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn of_two_workers_of_one_name_that_start_together_one_stays() {
+    let stage = Stage::open().await;
+    let sessions = [stage.stranger().await, stage.stranger().await];
+    let config = ServerConfig { worker: "twin".into(), ..ServerConfig::default() };
+    let [one, other] = sessions.map(|session| Service::start(config.clone(), session));
+    let (mut stays, mut ends) = (vec![], vec![]);
+    let started: [_; 2] = in_time("both starts", async { tokio::join!(one, other) }).await.into();
+    for result in started {
+        match result {
+            Ok(service) => stays.push(service),
+            Err(error) => ends.push(error),
+        }
+    }
+    assert!(matches!(&ends[..], [ServiceError::NameTaken { .. }]), "{ends:?}");
+    assert_eq!(stays.len(), 1);
+    for service in stays {
+        service.shutdown().await;
+    }
     stage.close().await;
 }
