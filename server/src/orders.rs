@@ -29,7 +29,10 @@ use crate::tenants::Held;
 impl Desk {
     /// `held` is what the order takes of its client's account until it is done with; a target keeps its bytes.
     pub(crate) fn obey(&self, order: Order, held: Held) {
-        lock(&self.board).used(self.shared.now());
+        if !matches!(order, Order::State(_)) {
+            // Anybody may ask for the state: that is no sign of the owner's.
+            lock(&self.board).used(self.shared.now());
+        }
         match order {
             Order::Control(query, received) => {
                 self.answer(&query, Leaf::Control, |desk| desk.control(&query, received));
