@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use domvs_proto::frame::{DepthFormat, PixelFormat, RAW};
+use domvs_proto::frame::{DepthFormat, FrameHeader, PixelFormat, RAW};
 use domvs_proto::messages::Control;
 use domvs_proto::settings::{Method, TaskSettings};
 use domvs_server::decode::DecodeLimits;
@@ -19,7 +19,12 @@ const MOST: isize = 40 << 20;
 
 pub fn a_task_gives_its_memory_back() {
     let formats = PixelFormat::ALL.into_iter().filter(|format| *format != PixelFormat::ByEncoding);
-    let frames: Vec<_> = formats.map(|format| picture(format, DepthFormat::U16, SIZE, 2)).collect();
+    let frames: Vec<_> = [Route::Requested, Route::Pushed]
+        .into_iter()
+        .flat_map(|route| formats.clone().map(move |format| (route, picture(format, DepthFormat::U16, SIZE, 2))))
+        .zip(1..)
+        .map(|((route, (header, payload)), sequence)| (route, FrameHeader { sequence, ..header }, payload))
+        .collect();
     let target = picture(PixelFormat::Mono32F, DepthFormat::F32, SIZE, 0);
     for method in Method::ALL {
         let before = live_bytes();
@@ -34,10 +39,8 @@ pub fn a_task_gives_its_memory_back() {
         };
         task.set_target(&frame(&target.0, &target.1, Route::Requested)).expect("a target");
         task.control(Control::Start).expect("a start");
-        for route in [Route::Requested, Route::Pushed] {
-            for (header, payload) in &frames {
-                assert!(on_frame(&mut task, &frame(header, payload, route), Duration::ZERO).is_servoing());
-            }
+        for (route, header, payload) in &frames {
+            assert!(on_frame(&mut task, &frame(header, payload, *route), Duration::ZERO).is_servoing());
         }
         let held = live_bytes() - before;
         println!("{}: {:.1} MB for 640x480 with a depth map", method.word(), held as f64 / 1e6);
