@@ -19,7 +19,8 @@ const MOST: isize = 40 << 20;
 
 pub fn a_task_gives_its_memory_back() {
     let formats = PixelFormat::ALL.into_iter().filter(|format| *format != PixelFormat::ByEncoding);
-    let frames: Vec<_> = formats.map(|format| picture(format, DepthFormat::U16, SIZE, 2)).collect();
+    let numbered = formats.zip(2..).map(|(format, number)| picture(format, DepthFormat::U16, SIZE, number));
+    let frames: Vec<_> = numbered.collect();
     let target = picture(PixelFormat::Mono32F, DepthFormat::F32, SIZE, 0);
     for method in Method::ALL {
         let before = live_bytes();
