@@ -22,7 +22,7 @@ use crate::worker::Shared;
 /// A task without a frame for this long is not said to be servoing any more, even if it only answers requests.
 const QUIET: Duration = Duration::from_secs(2);
 /// A client whose token has not arrived this long after its task was created, or given this token, counts as gone.
-const TOKEN_GRACE: Duration = Duration::from_secs(2);
+pub const TOKEN_GRACE: Duration = Duration::from_secs(2);
 
 /// Looks after every task until `closing` is dropped.
 pub(crate) fn run(shared: &Arc<Shared>, closing: &Receiver<()>) {

@@ -91,9 +91,11 @@ impl Desk {
         self.record(&frame, Some(&pushed.payload), Leaf::Command, &sent);
     }
 
-    /// What was heard of while a frame was computed, and is latched before the next one: looked at before the outlet, as everywhere.
+    /// What was heard of while a frame was computed, and is latched before the next one; or that nobody has heard of the client of a task
+    /// that was taken over. Looked at before the outlet, as everywhere.
     fn waiting_halt(&self) -> Option<Status> {
-        *lock(&self.halt)
+        let halt = *lock(&self.halt);
+        halt.or_else(|| self.is_client_unheard().then_some(Status::WaitingFrame))
     }
 
     /// A pushed frame needs no secret unless the settings ask for it, but one that names another's is meant for another task.

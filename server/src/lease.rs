@@ -11,6 +11,7 @@ use zenoh::sample::{Sample, SampleKind};
 
 use crate::Moment;
 use crate::desk::{Desk, lock};
+use crate::replica::epoch;
 
 /// The token that a task hangs on; nothing without one.
 #[derive(Debug, Default)]
@@ -68,6 +69,16 @@ impl Desk {
         drop(watch);
         // It says farewell to the network, for which the clock should not wait.
         drop(before);
+    }
+
+    /// The task had another owner, and its client's token has not been heard of here: nobody knows whether the client outlived that owner.
+    /// The token of a client that lives comes before anything else can, as it was asked for before the task's keys were declared.
+    pub(crate) fn is_client_unheard(&self) -> bool {
+        if self.epoch == epoch::first(&self.shared.worker) {
+            return false;
+        }
+        let watch = lock(&self.lease_watch);
+        !watch.seen && lock(&self.lease).is_present() == Some(false)
     }
 
     fn watch_token(&self, key: String) -> zenoh::Result<WatchedToken> {

@@ -93,7 +93,8 @@ pub mod session;
 
 pub mod record;
 
-pub use age::SETTLING;
+pub use age::{DRIFT_NS_PER_S, SETTLING};
+pub use clock::TOKEN_GRACE;
 pub use config::{ConfigError, ServerConfig};
 pub use error::ServiceError;
 pub use governor::{AccelerationLimits, Governed, Governor, SpeedLimits, limit_speed};

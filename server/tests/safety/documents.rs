@@ -3,8 +3,9 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use domvs_proto::settings::{Camera, TaskSettings};
 use domvs_proto::status::Status;
-use domvs_server::screen;
+use domvs_server::{DRIFT_NS_PER_S, SETTLING, TICK, TOKEN_GRACE, ZERO_PERIOD, screen};
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the workspace").to_owned()
@@ -105,6 +106,35 @@ fn the_safety_page_has_a_row_for_every_status_and_says_whether_it_is_latched() {
         let row = row.unwrap_or_else(|| panic!("no row for {status}"));
         let latched = row.split('|').nth(2).map(str::trim) == Some("yes");
         assert_eq!(latched, status.is_latched(), "{row}");
+    }
+}
+
+/// What the page says in passing, with the numbers of the code.
+#[test]
+fn the_times_and_limits_of_the_safety_page_are_those_of_the_code() {
+    let camera = Camera { fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0, width: 8, height: 8, distortion: None };
+    let settings = TaskSettings::new(camera);
+    let (cap, limits) = (settings.step_cap.expect("by default"), settings.limits.expect("by default"));
+    let (tick, hertz) = (TICK.as_millis(), 1000 / ZERO_PERIOD.as_millis());
+    let document = safety();
+    let promises = promises(&document);
+    let said = |row: usize| format!("{} {}", promises[row - 1][1], promises[row - 1][2]);
+    for (row, words) in [
+        (4, format!("at most {} m and {} rad before", cap.translation_m, cap.rotation_rad)),
+        (4, format!("at most {} m/s and {} rad/s", limits.linear_m_per_s, limits.angular_rad_per_s)),
+        (5, format!("at most {} m/s² and {} rad/s²", limits.linear_m_per_s2, limits.angular_rad_per_s2)),
+        (9, format!("looked at every {tick} ms), then at {hertz} Hz")),
+        (22, format!("looked at every {tick} ms")),
+    ] {
+        assert!(said(row).contains(&words), "row {row} does not say: {words}");
+    }
+    let document = document.replace('\n', " ");
+    for words in [
+        format!("at most {} ms/s", DRIFT_NS_PER_S / 1_000_000),
+        format!("held for {} s", SETTLING.as_secs_f64()),
+        format!("never came within {} s", TOKEN_GRACE.as_secs()),
+    ] {
+        assert!(document.contains(&words), "the page does not say: {words}");
     }
 }
 
