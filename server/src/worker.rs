@@ -352,8 +352,11 @@ impl Shared {
         *lock(&self.leaving_since) = Some(self.now());
         for desk in self.desks() {
             desk.leaving.store(true, Ordering::Release);
-            desk.request_halt(Status::OwnerLost);
-            lock(&desk.outlet).halt(Some(Status::OwnerLost), self.now());
+            // The pool may have had no time to say that a newer owner has it.
+            let is_superseded = desk.superseded.load(Ordering::Acquire);
+            let status = if is_superseded { Status::Superseded } else { Status::OwnerLost };
+            desk.request_halt(status);
+            lock(&desk.outlet).halt(Some(status), self.now());
         }
         self.pool.close();
         self.inbox.end();
