@@ -11,7 +11,8 @@
 //!
 //! A sender's clock that is set back by seconds and frames out of a healed link look alike at first. A clock goes back; a link gives back in
 //! order what it held, after a silence as long as the frames are late. So only capture times that go back are a jump, and what ends
-//! a silence is late until it has caught up, or has been a step for ten seconds, however slowly it drains. After a jump nothing counts as fresh
+//! a silence is late until it has caught up, or has been a step for ten seconds, however slowly it drains. A clock that goes back does not take
+//! the count of frames with it: what has a sequence that was there before is a copy, unless the source was silent and may have been restarted. After a jump nothing counts as fresh
 //! until the new difference has held for [`SETTLING`]: a difference that shrinks is a backlog again. A jump towards "younger" cannot hide an
 //! old frame and costs one frame.
 //!
@@ -58,6 +59,10 @@ pub struct AgeEstimator {
     last_received: Moment,
     jump: Option<Jump>,
     last_capture_ns: u64,
+    /// The highest sequence of a frame in order.
+    newest_sequence: u64,
+    /// Nothing came for a while, and no frame in order since: its clock and its count may both begin anew.
+    may_have_restarted: bool,
     known_since: Option<Moment>,
     /// The newest frame without a capture time that came in order.
     untimed: Option<Untimed>,
@@ -146,39 +151,45 @@ impl AgeEstimator {
 
     /// Whatever sequence comes next, it is the first: the owner has started the task, and perhaps the camera.
     pub fn forget_sequence(&mut self) {
+        self.newest_sequence = 0;
         if let Some(untimed) = &mut self.untimed {
             untimed.sequence = 0;
         }
     }
 
-    /// Judges a frame captured at `capture_time_ns` (sender's clock) and received at `received`.
-    pub fn judge(&mut self, capture_time_ns: u64, received: Moment, max_age: Duration) -> Age {
+    /// Judges a frame captured at `capture_time_ns` (sender's clock) and received at `received`; a `sequence` of 0 is none.
+    pub fn judge(&mut self, capture_time_ns: u64, sequence: u64, received: Moment, max_age: Duration) -> Age {
         let difference = received.as_nanos() as i128 - i128::from(capture_time_ns);
         let went_back = capture_time_ns <= self.last_capture_ns;
-        let heard = received.saturating_sub(self.last_received).min(LONGEST_GAP);
+        let gap = received.saturating_sub(self.last_received);
+        let heard = gap.min(LONGEST_GAP);
         self.heard += heard;
         self.last_received = received;
+        self.may_have_restarted |= gap > LONGEST_GAP;
+        if went_back && (1..=self.newest_sequence).contains(&sequence) && !self.may_have_restarted {
+            return Age::Stale;
+        }
         let before = std::mem::replace(&mut self.last_difference, difference);
         if self.known_since.is_none() {
-            self.restart(difference, received, capture_time_ns);
+            self.restart(difference, received, [capture_time_ns, sequence]);
             return Age::Fresh(Duration::ZERO);
         }
         self.window.advance(self.heard);
         self.raise_base(heard);
         if difference < self.base - JUMP_NS {
-            self.restart(difference, received, capture_time_ns);
+            self.restart(difference, received, [capture_time_ns, sequence]);
             return Age::Stale;
         }
         // What has grown to more than a second frame by frame, or by a silence, is a delay and no jump of a clock.
         let from = self.jump.map_or(before, |jump| jump.from).max(self.base);
         if went_back && difference > from + JUMP_NS {
-            return self.judge_after_jump(from, difference, received, capture_time_ns, max_age);
+            return self.judge_after_jump(from, difference, received, [capture_time_ns, sequence], max_age);
         }
         self.jump = None;
         if went_back {
             return Age::Stale;
         }
-        self.last_capture_ns = capture_time_ns;
+        self.in_order(capture_time_ns, sequence);
         self.window.insert(difference);
         self.base = self.base.min(difference);
         self.verdict(difference, max_age)
@@ -203,7 +214,7 @@ impl AgeEstimator {
         from: i128,
         difference: i128,
         received: Moment,
-        capture_ns: u64,
+        frame: [u64; 2],
         max_age: Duration,
     ) -> Age {
         let begins = Jump { from, since: received, older: difference, newer: None };
@@ -221,17 +232,22 @@ impl AgeEstimator {
             self.jump = Some(Jump { from, since: received - SETTLING / 2, older: newer, newer: None });
             return Age::Stale;
         }
-        self.restart(newer.min(jump.older), received, capture_ns);
+        self.restart(newer.min(jump.older), received, frame);
         self.verdict(difference, max_age)
     }
 
-    fn restart(&mut self, difference: i128, received: Moment, capture_time_ns: u64) {
+    fn in_order(&mut self, capture_time_ns: u64, sequence: u64) {
+        (self.last_capture_ns, self.newest_sequence) = (capture_time_ns, sequence);
+        self.may_have_restarted = false;
+    }
+
+    fn restart(&mut self, difference: i128, received: Moment, [capture_time_ns, sequence]: [u64; 2]) {
         self.window = Window::default();
         self.window.advance(self.heard);
         self.window.insert(difference);
         self.base = difference;
         self.jump = None;
-        self.last_capture_ns = capture_time_ns;
+        self.in_order(capture_time_ns, sequence);
         self.known_since = Some(received);
     }
 }
@@ -247,7 +263,7 @@ mod tests {
     const CLOCK: u64 = 1_600_000_000_000_000_000;
 
     fn judge(estimator: &mut AgeEstimator, captured_ms: u64, received_ms: u64) -> bool {
-        is_fresh(estimator.judge(CLOCK + captured_ms * 1_000_000, Duration::from_millis(received_ms), MAX_AGE))
+        is_fresh(estimator.judge(CLOCK + captured_ms * 1_000_000, 0, Duration::from_millis(received_ms), MAX_AGE))
     }
 
     fn is_fresh(age: Age) -> bool {
@@ -314,7 +330,7 @@ mod tests {
     fn judge_us(estimator: &mut AgeEstimator, captured_ms: u64, on_the_way_us: u64) -> bool {
         let captured = Duration::from_millis(captured_ms);
         let received = captured + Duration::from_micros(on_the_way_us);
-        is_fresh(estimator.judge(CLOCK + captured.as_nanos() as u64, received, MAX_AGE))
+        is_fresh(estimator.judge(CLOCK + captured.as_nanos() as u64, 0, received, MAX_AGE))
     }
 
     #[test]
@@ -416,7 +432,7 @@ mod tests {
                 break;
             }
             let (captured, received) = (CLOCK + captured_us * 1000, Duration::from_micros(received_us));
-            if is_fresh(estimator.judge(captured, received, MAX_AGE)) {
+            if is_fresh(estimator.judge(captured, 0, received, MAX_AGE)) {
                 // What a clock might have drifted is not seen.
                 oldest = oldest.max((received_us - captured_us).saturating_sub(received_us / 1000) / 1000);
             }
@@ -461,7 +477,7 @@ mod tests {
     fn the_age_of_a_frame_is_what_it_waited_beyond_the_quickest() {
         let mut estimator = settled();
         let (captured, received) = (CLOCK + 1_000_000_000, Duration::from_millis(1155));
-        assert_eq!(estimator.judge(captured, received, MAX_AGE), Age::Fresh(Duration::from_millis(150)));
+        assert_eq!(estimator.judge(captured, 0, received, MAX_AGE), Age::Fresh(Duration::from_millis(150)));
     }
 
     #[test]
@@ -496,5 +512,32 @@ mod tests {
         assert_eq!([judge(&mut estimator, 9), judge(&mut estimator, 1)], [FRESH, STALE]);
         estimator.forget_sequence();
         assert_eq!([judge(&mut estimator, 1), judge(&mut estimator, 1)], [FRESH, STALE]);
+    }
+
+    #[test]
+    fn copies_of_old_frames_are_no_clock_that_went_back() {
+        let (period_ms, late_ms) = (50, 2000);
+        let ms = Duration::from_millis;
+        let captured = |frame: u64| CLOCK + frame * period_ms * 1_000_000;
+        // A link that gives nothing but what it gave before, for as long as it likes; then the camera is heard again.
+        let mut estimator = AgeEstimator::default();
+        for frame in 1..100 {
+            assert!(is_fresh(estimator.judge(captured(frame), frame, ms(frame * period_ms + 5), MAX_AGE)));
+        }
+        for frame in 60..100 {
+            let received = ms(frame * period_ms + 5 + late_ms);
+            assert_eq!(estimator.judge(captured(frame), frame, received, MAX_AGE), Age::Stale, "{frame}");
+        }
+        let now = 100 * period_ms + late_ms;
+        assert!(is_fresh(estimator.judge(CLOCK + now * 1_000_000, 200, ms(now + 5), MAX_AGE)));
+        // A camera that was away and counts anew, by a clock of an hour ago.
+        let hour_ns = 3_600_000_000_000;
+        let verdicts: Vec<bool> = (1..40)
+            .map(|frame| {
+                let received = ms(now + 5000 + frame * period_ms);
+                is_fresh(estimator.judge(captured(frame) - hour_ns, frame, received, MAX_AGE))
+            })
+            .collect();
+        assert!(!verdicts[0] && verdicts[20..].iter().all(|fresh| *fresh), "{verdicts:?}");
     }
 }

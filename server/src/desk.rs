@@ -72,6 +72,8 @@ pub(crate) struct PushedFrame {
     pub(crate) encoding: Encoding,
     pub(crate) payload: ZBytes,
     pub(crate) received: Moment,
+    /// `[capture_time_ns, sequence]`; zeros without a header.
+    pub(crate) taken: [u64; 2],
 }
 
 /// A message that waits, with what it takes of its client's account until it is done with.

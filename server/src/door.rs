@@ -119,8 +119,15 @@ pub(crate) fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
         encoding: sample.encoding().clone(),
         payload: sample.payload().clone(),
         received,
+        taken: header_of(sample.attachment()).map_or([0; 2], |header| [header.capture_time_ns, header.sequence]),
     };
-    let passed_over = desk.mailbox.put_frame(Waiting { message: frame, held }).is_some();
+    // Without a capture time on either, the sequence says which is the newer one.
+    let ([captured, sequence], waiting) = (frame.taken, Waiting { message: frame, held });
+    let was_taken_later = |before: &Waiting<PushedFrame>| match before.message.taken {
+        [0, before] => captured == 0 && sequence != 0 && before > sequence,
+        [before, _] => captured != 0 && before > captured,
+    };
+    let passed_over = desk.mailbox.put_frame(waiting, was_taken_later).is_some();
     metrics.dropped_many(Dropped::Superseded, usize::from(passed_over));
     let mut board = lock(&desk.board);
     board.frame_arrived(received);

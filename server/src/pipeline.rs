@@ -181,7 +181,7 @@ fn check_time(task: &mut Task, frame: &Frame<'_>, now: Moment) -> Result<(), Ref
         let (max_age, watchdog) = (task.max_age(), task.watchdog());
         let (judged, oldest) = match frame.header.capture_time_ns {
             0 => (task.age.judge_untimed(frame.header.sequence, frame.received, watchdog), watchdog),
-            captured => (task.age.judge(captured, frame.received, max_age), max_age),
+            captured => (task.age.judge(captured, frame.header.sequence, frame.received, max_age), max_age),
         };
         let Age::Fresh(age) = judged else { return Err(Status::StaleFrame.into()) };
         task.age_at_receipt = age;

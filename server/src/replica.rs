@@ -68,7 +68,7 @@ const CLOSED: usize = 1024;
 /// How long an owner may take to answer.
 const ANSWER: Duration = Duration::from_secs(2);
 
-/// What a fenced worker still owned when it left, for its next session.
+/// What a fenced worker still owned when it left, or knew to be lost, for its next session.
 #[derive(Clone)]
 pub(crate) struct Carried {
     pub(crate) state: TaskState,
@@ -147,13 +147,13 @@ impl Standby {
         let mut pause = QUIET;
         loop {
             match events.recv_timeout(pause) {
-                Ok(Event::End) | Err(flume::RecvTimeoutError::Disconnected) => return,
+                Ok(Event::End) | Err(flume::RecvTimeoutError::Disconnected) => return self.carry_what_is_lost(),
                 Ok(event) => self.take_in(event),
                 Err(flume::RecvTimeoutError::Timeout) => {}
             }
             while let Ok(event) = events.try_recv() {
                 match event {
-                    Event::End => return,
+                    Event::End => return self.carry_what_is_lost(),
                     event => self.take_in(event),
                 }
             }
@@ -162,6 +162,17 @@ impl Standby {
             // Something new comes before something made ready.
             if events.is_empty() && pause == QUIET && self.prepare_one() {
                 pause = BUSY;
+            }
+        }
+    }
+
+    /// Nobody else may know of a task without an owner: what is lost goes along into the next session.
+    fn carry_what_is_lost(&mut self) {
+        let desks = self.shared.desks();
+        let mut carried = lock(&self.shared.carried);
+        for (task, record) in self.records.iter_mut() {
+            if record.lost.is_some() && record.is_complete() && desks.iter().all(|desk| desk.key != *task) {
+                carried.push(Carried { state: record.state.clone(), target: record.target.take() });
             }
         }
     }
@@ -194,7 +205,7 @@ impl Standby {
         let now = self.shared.now();
         tracing::info!(worker = %gone, "a worker is gone");
         for (task, record) in self.records.iter_mut() {
-            if record.state.worker == *gone && record.lost.is_none() && !self.owners.contains_key(task) {
+            if record.owner().1 == gone && record.lost.is_none() && !self.owners.contains_key(task) {
                 (record.lost, record.released) = (Some(now), None);
             }
         }
@@ -211,7 +222,8 @@ impl Standby {
         let now = self.shared.now();
         if let Some(record) = self.records.get_mut(&task) {
             (record.lost, record.released, record.taken) = (None, None, None);
-            (record.owned, record.heard) = (true, now);
+            record.owner = record.owner.take().max(Some((epoch, worker.clone())));
+            record.heard = now;
             if std::mem::take(&mut record.own) {
                 self.shared.states.iter().for_each(|states| states.remove(&task));
             }
@@ -267,7 +279,8 @@ impl Standby {
                     return self.say_ignored(of, &error);
                 }
                 if let Some(record) = self.records.get_mut(of) {
-                    record.owned |= self.owners.contains_key(of);
+                    let seen = self.owners.get(of).and_then(|owners| owners.last().cloned());
+                    record.owner = record.owner.take().max(seen);
                 }
             }
             StateMessage::Progress(news) => {

@@ -65,6 +65,9 @@ impl StateDir {
     /// A folder that cannot be made or listed. Files that cannot be used are only reported.
     pub(crate) fn open(folder: &Path) -> io::Result<(StateDir, Vec<Carried>)> {
         fs::create_dir_all(folder)?;
+        // A disk that takes nothing is told of now, not when the first task is to be kept.
+        let probe = folder.join(format!("probe{UNFINISHED}"));
+        File::create(&probe).and_then(|_| fs::remove_file(&probe))?;
         let (mut kept, mut refused) = (vec![], vec![]);
         for entry in fs::read_dir(folder)? {
             let path = entry?.path();

@@ -83,7 +83,7 @@ pub(crate) struct Shared {
     /// When the last act began.
     leaving_since: Mutex<Option<Moment>>,
     /// The tasks that were owned to the end.
-    carried: Mutex<Vec<Carried>>,
+    pub(crate) carried: Mutex<Vec<Carried>>,
     origin: Instant,
     wall_origin_ns: u64,
     /// The service's: one worker after another counts on.

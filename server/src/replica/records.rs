@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 
 use domvs_proto::frame::FrameHeader;
-use domvs_proto::keys::TaskKey;
+use domvs_proto::keys::{Name, TaskKey};
 use domvs_proto::messages::{TaskProgress, TaskState};
 
 use super::{INCOMPLETE, RELEASED, UNOWNED};
@@ -31,8 +31,8 @@ pub(crate) struct Record {
     pub(crate) asked: Option<Moment>,
     /// A takeover was begun then.
     pub(crate) taken: Option<Moment>,
-    /// An owner's token has been seen.
-    pub(crate) owned: bool,
+    /// The newest owner whose token has been seen: its state may not have come yet.
+    pub(crate) owner: Option<(u32, Name)>,
     /// When the state first came.
     pub(crate) since: Moment,
     /// When the owner last said something.
@@ -51,10 +51,16 @@ impl Record {
             released: None,
             asked: None,
             taken: None,
-            owned: false,
+            owner: None,
             since: now,
             heard: now,
         }
+    }
+
+    /// Who owned it last, by token or by state.
+    pub(crate) fn owner(&self) -> (u32, &Name) {
+        let by_state = (self.state.epoch, &self.state.worker);
+        self.owner.as_ref().map_or(by_state, |(epoch, worker)| by_state.max((*epoch, worker)))
     }
 
     /// Whether nobody will own it any more: it was given up, its target never came, or it never had an owner that could be seen.
@@ -62,7 +68,7 @@ impl Record {
         let past = |since: Option<Moment>, limit| since.is_some_and(|since| now.saturating_sub(since) > limit);
         past(self.released, RELEASED)
             || !self.is_complete() && past(self.lost, INCOMPLETE)
-            || !self.own && !self.owned && past(Some(self.since), UNOWNED)
+            || !self.own && self.owner.is_none() && past(Some(self.since), UNOWNED)
     }
 
     /// Whether all is here that a new owner needs.
@@ -172,7 +178,7 @@ impl Records {
         }
     }
 
-    /// What this worker owned before its session ended; its own limits are looked at when it takes it up.
+    /// What this worker owned, or knew to be lost, before its session ended; its own limits are looked at when it takes it up.
     pub(crate) fn insert_own(&mut self, record: Record) {
         self.bytes += record.bytes();
         self.by_task.insert(record.state.task.clone(), record);
@@ -337,10 +343,22 @@ mod tests {
     }
 
     #[test]
+    fn the_last_owner_is_the_one_whose_token_or_state_came_last() {
+        let mut record = Record::new(state(1, 5, None), NOW);
+        let by_state = record.state.worker.clone();
+        assert_eq!(record.owner(), (5, &by_state));
+        let next: Name = "w9".try_into().expect("a name");
+        record.owner = Some((6, next.clone()));
+        assert_eq!(record.owner(), (6, &next), "its state has not come");
+        record.state.epoch = 7;
+        assert_eq!(record.owner(), (7, &by_state));
+    }
+
+    #[test]
     fn a_state_without_an_owner_is_forgotten() {
         let mut records = Records::new(10, 1 << 20);
         (1..=3).for_each(|id| put(&mut records, state(id, 5, None)));
-        records.get_mut(&state(2, 5, None).task).expect("known").owned = true;
+        records.get_mut(&state(2, 5, None).task).expect("known").owner = Some((5, "w1".try_into().expect("a name")));
         records.get_mut(&state(3, 5, None).task).expect("known").own = true;
         records.forget(|record| record.is_over(NOW + UNOWNED));
         assert_eq!(records.len(), 3);

@@ -50,7 +50,7 @@ impl Standby {
         let shared = std::sync::Arc::clone(&self.shared);
         let Some(record) = self.records.get_mut(task) else { return Followed::Quickly };
         record.taken = Some(now);
-        let Some(epoch) = epoch::next(record.state.epoch, &shared.worker) else {
+        let Some(epoch) = epoch::next(record.owner().0, &shared.worker) else {
             tracing::error!(%task, "the task has had 65535 owners and gets no other");
             return Followed::Quickly;
         };
