@@ -53,8 +53,11 @@ measure tasks load --tasks 1,2,4,8,20 --rate 0 --seconds 6
 if command -v taskset >/dev/null && [ "$(nproc)" -ge 2 ]; then
   say "one core for everything, then two"
   # A high order, so that the law is what takes the time, not the clients.
-  taskset -c 0 "$domvs" bench load --tasks 2,4,8 --order 24 --rate 0 --seconds 6 --out "$out/one-core"
-  taskset -c 0,1 "$domvs" bench load --tasks 2,4,8 --order 24 --rate 0 --seconds 6 --out "$out/two-cores"
+  # Cameras that wait for each answer, and cameras that have the next frame there before it.
+  for ahead in 1 3; do
+    taskset -c 0 "$domvs" bench load --tasks 2,4,8 --order 24 --rate 0 --ahead $ahead --seconds 6 --out "$out/one-core-$ahead"
+    taskset -c 0,1 "$domvs" bench load --tasks 2,4,8 --order 24 --rate 0 --ahead $ahead --seconds 6 --out "$out/two-cores-$ahead"
+  done
 fi
 # The peer that runs everywhere.
 say "numpy"

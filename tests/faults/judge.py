@@ -26,6 +26,8 @@ class Verdict:
         self.lab, self.fault, self.healed = lab, fault, healed
         self.limit_s = max_age_s + WATCHDOG_S + SLACK_S + way_s
         self.wrong, self.notes = [], {}
+        # Where the same fault comes again and again: when each began, and when it was over.
+        self.windows = []
         # The frames' truth is read last, so that it has all that was answered.
         with lab.lock:
             self.commands = [record for record in lab.seen if record["kind"] == "command"]
@@ -157,11 +159,11 @@ class Verdict:
     def lost(self, recovered):
         """Frames sent, and those without any answer: in the fault's time, and outside of it."""
         answered = {command["capture"] for command in self.commands}
-        end = (recovered or math.inf) + 0.3
+        windows = self.windows or [(self.fault, recovered or math.inf)]
         first = min((command["t"] for command in self.commands if any(command["twist"])), default=math.inf)
         last = self.frames[-1]["t"] - 0.3 if self.frames else 0.0
         unanswered = [frame["t"] for frame in self.frames if frame["capture"] not in answered and first < frame["t"] < last]
-        during = [when for when in unanswered if self.fault - 0.3 <= when <= end]
+        during = [when for when in unanswered if any(begin - 0.3 <= when <= end + 0.3 for begin, end in windows)]
         outside = len(unanswered) - len(during)
         total = bisect.bisect(sorted(frame["t"] for frame in self.frames), last)
         if outside > max(2, 0.05 * total):

@@ -112,6 +112,7 @@ def rounds_of(lab, count, break_it, heal_it):
     lab["client"].order(requests_hz=0)
     time.sleep(0.5)
     verdict = verdict_of(lab, (start, start), before)
+    verdict.windows = windows
     lost = requests_lost(lab, windows)
     verdict.note(facts={"rounds": count, **spread(rounds), **lost, "old_epoch_commands": old_epochs(verdict)})
     verdict.expect(not lost["lost_otherwise"], f"{lost['lost_otherwise']} requests lost outside of the takeovers")
