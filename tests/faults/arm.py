@@ -16,8 +16,12 @@ import child
 import wire
 
 TICK_S = 0.005
-# The arm's own pause after which whatever waited is thrown away.
+# The arm's own pause after which whatever waited is thrown away, and for how long from its waking on: which of its threads wakes first is
+# nobody's to say.
 PAUSE_S = 0.1
+DOUBT_S = 0.2
+# How long nothing moves it after frames have become over a second older at once: a clock that was set back, or a backlog.
+SETTLING_S = 0.5
 # As the service's max_age_ms: a command of which the frame is older than this, against the youngest of the last 10 s.
 MAX_AGE_S = 0.2
 AGE_WINDOW_S = 10.0
@@ -56,6 +60,7 @@ class Arm:
         self.capture = 0
         self.ages = []
         self.ticked = time.monotonic()
+        self.doubtful_until = 0.0
         threading.Thread(target=self.run, daemon=True).start()
 
     def command(self, sample):
@@ -87,14 +92,15 @@ class Arm:
         if told["status"] != wire.SERVOING or not any(told["twist"]):
             return None
         if now - self.ticked > PAUSE_S:
+            self.doubtful_until = now + DOUBT_S
             return "the arm stood still"
-        capture = told["capture"]
+        capture, doubt = told["capture"], "not sure of its time yet" if now < self.doubtful_until else None
         if not capture:
-            return None
+            return doubt
         if not newer_epoch and capture <= self.capture and self.capture - capture < 1_000_000_000:
             return "older frame"
         self.capture = capture
-        return self.too_old(now, now - capture / 1e9)
+        return self.too_old(now, now - capture / 1e9) or doubt
 
     def too_old(self, now, difference):
         """Against the smallest difference of the last 10 s, as the service judges frames; a jump begins anew, at rest."""
@@ -102,6 +108,8 @@ class Arm:
         smallest = min((old for _, old in self.ages), default=difference)
         if abs(difference - smallest) > 1.0:
             self.ages = [(now, difference)]
+            if difference > smallest:
+                self.doubtful_until = now + SETTLING_S
             return "clock jump"
         self.ages.append((now, difference))
         return "too old" if difference - smallest > MAX_AGE_S else None
@@ -122,6 +130,8 @@ class Arm:
             now = time.monotonic()
             with self.lock:
                 passed, self.ticked = now - self.ticked, now
+                if passed > PAUSE_S:
+                    self.doubtful_until = now + DOUBT_S
                 if any(self.velocity) and (now > self.until or passed > PAUSE_S):
                     self.set_velocity([0.0, 0.0], now, None)
                 for axis in range(2):
