@@ -119,6 +119,8 @@ async fn round(beside: Beside) -> (Vec<f64>, usize, (u64, u64)) {
     let counts = flooding.await.expect("bob does not fail");
     drop((task, alice));
     Arc::into_inner(lab).expect("bob has ended").close().await;
+    // What bob still waits for must not weigh on the next round.
+    tokio::time::sleep(ROUND).await;
     (took_ms, missed, counts)
 }
 
