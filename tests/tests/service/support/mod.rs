@@ -54,12 +54,7 @@ impl Stage {
 
     /// A worker with this configuration, but for its name.
     pub async fn with(config: ServerConfig) -> Stage {
-        Stage::with_router(config, &[]).await
-    }
-
-    /// The same at a router that is configured further by these entries.
-    pub async fn with_router(config: ServerConfig, entries: &[(&str, String)]) -> Stage {
-        let (router, endpoint) = router(entries).await;
+        let (router, endpoint) = router().await;
         let joined = prepared(client_config(&endpoint), config.limits.bytes_per_payload);
         let joined = joined.expect("a fine configuration");
         let session = zenoh::open(joined).await.expect("the router is there");
@@ -142,14 +137,10 @@ pub fn name(text: &str) -> Name {
 }
 
 /// A router on a free loopback port; on another one when somebody was faster.
-async fn router(entries: &[(&str, String)]) -> (Session, String) {
+async fn router() -> (Session, String) {
     for _ in 0..20 {
         let endpoint = format!("tcp/127.0.0.1:{}", free_port());
-        let mut config = router_config(&endpoint);
-        for (key, value) in entries {
-            config.insert_json5(key, value).expect("a known key");
-        }
-        if let Ok(session) = zenoh::open(config).await {
+        if let Ok(session) = zenoh::open(router_config(&endpoint)).await {
             return (session, endpoint);
         }
     }
