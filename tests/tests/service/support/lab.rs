@@ -32,14 +32,9 @@ pub struct Lab {
 
 impl Lab {
     pub async fn open() -> Lab {
-        Lab::with_router(&[]).await
-    }
-
-    /// With entries of the router's configuration changed.
-    pub async fn with_router(changes: &[(&str, &str)]) -> Lab {
         let folder = tempfile::tempdir().expect("a folder");
         certs::make(&plan(folder.path(), &MEMBERS)).expect("made");
-        let (router, endpoint) = router(folder.path(), changes).await;
+        let (router, endpoint) = router(folder.path(), &[]).await;
         let session = zenoh::open(config(folder.path(), "service", &endpoint)).await.expect("the router lets it in");
         let worker = ServerConfig { worker: WORKER.into(), ..ServerConfig::default() }.checked().expect("fine");
         let service = Service::start(worker, session).await.expect("the worker starts");
