@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use domvs_proto::body;
-use domvs_proto::messages::{ErrorCode, ErrorReply};
+use domvs_proto::messages::ErrorReply;
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
@@ -13,13 +13,8 @@ pub(crate) fn reply_json(query: &Query, key: String, json: &[u8]) {
     log_failure(query.reply(key, json).encoding(body::JSON).wait());
 }
 
-/// Reads a JSON body of bounded size.
+/// Reads a JSON body; the door has bounded its size.
 pub(crate) fn read_json<T: serde::de::DeserializeOwned>(query: &Query) -> Result<T, ErrorReply> {
-    let size = query.payload().map_or(0, ZBytes::len);
-    if size > body::MAX_JSON_BYTES {
-        let error = format!("a body may have {} bytes, got {size}", body::MAX_JSON_BYTES);
-        return Err(ErrorReply::new(ErrorCode::TooLarge, error));
-    }
     body::read(&contiguous(query.payload())).map_err(|error| ErrorReply::new(error.code(), error))
 }
 

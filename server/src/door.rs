@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use domvs_proto::body::MAX_JSON_BYTES;
-use domvs_proto::frame::{FLAG_SECRET, FrameError, HEADER_AND_SECRET_BYTES, HEADER_BYTES, Secret};
+use domvs_proto::frame::{FLAG_SECRET, FrameError, FrameHeader, HEADER_AND_SECRET_BYTES, HEADER_BYTES, Secret};
 use domvs_proto::messages::{Control, ErrorCode, ErrorReply};
 use domvs_proto::status::Status;
 use zenoh::bytes::ZBytes;
@@ -101,7 +101,8 @@ pub(crate) fn request_twist(desk: &Arc<Desk>, query: Query) {
 pub(crate) fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
     let (metrics, received, size) = (&desk.shared.metrics, desk.shared.now(), sample.payload().len());
     metrics.received(Route::Pushed, size);
-    if desk.frames_need_secret.load(Ordering::Acquire) && !shows_secret(desk, sample) {
+    let header = header_of(sample.attachment()).ok();
+    if desk.frames_need_secret.load(Ordering::Acquire) && !shows_secret(desk, header.as_ref()) {
         metrics.dropped(Dropped::NotOwner);
         lock(&desk.board).dropped().not_owner += 1;
         return;
@@ -119,7 +120,7 @@ pub(crate) fn push_frame(desk: &Arc<Desk>, sample: &Sample) {
         encoding: sample.encoding().clone(),
         payload: sample.payload().clone(),
         received,
-        taken: header_of(sample.attachment()).map_or([0; 2], |header| [header.capture_time_ns, header.sequence]),
+        taken: header.map_or([0; 2], |header| [header.capture_time_ns, header.sequence]),
     };
     // Without a capture time on either, the sequence says which is the newer one.
     let ([captured, sequence], waiting) = (frame.taken, Waiting { message: frame, held });
@@ -165,11 +166,8 @@ fn secret_of_frame(attachment: Option<&ZBytes>) -> OfFrame {
     }
 }
 
-fn shows_secret(desk: &Desk, sample: &Sample) -> bool {
-    match header_of(sample.attachment()).map(|header| header.secret) {
-        Ok(Some(secret)) => desk.takes_frames_of(&secret),
-        Ok(None) | Err(_) => false,
-    }
+fn shows_secret(desk: &Desk, header: Option<&FrameHeader>) -> bool {
+    header.and_then(|header| header.secret.as_ref()).is_some_and(|secret| desk.takes_frames_of(secret))
 }
 
 /// Whether a target may be looked at; if not, why, and who is told so.
